@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from matplotlib.figure import Figure
 
 import femu_piezo as fp
@@ -21,6 +20,7 @@ from femu_piezo.cli import main
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.specimen.file import CONSTANTS, write_specimen
+from tests.commands import invoked, succeeded
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 RESISTANCE = 3.0
@@ -225,9 +225,7 @@ def test_bands_are_left_out_of_a_file_and_of_a_sweep_in_memory(specimen, sweep, 
     assert any("left out (mask), 5 points" in note for note in masked.notes)
     fp.read_specimen(path).write(tmp_path / "again.toml")
     assert fp.read_specimen(tmp_path / "again.toml").measurement.mask == ((low, high),)
-    run = CliRunner().invoke(
-        main, ["extract", str(tmp_path / "plate.csv"), "--mask", str(low), str(high), "--out", str(tmp_path / "out")]
-    )
+    run = invoked("extract", tmp_path / "plate.csv", "--mask", low, high, "--out", tmp_path / "out")
     assert run.exit_code == 0 and json.loads((tmp_path / "out/extraction.json").read_text())["points"] == np.sum(keep)
     for band, words in (
         ("[[5.0, 2.0]]", "not a band"),
@@ -258,8 +256,7 @@ def test_arguments_of_wrong_types_are_refused(specimen, sweep, tmp_path):
 
 
 def test_a_result_prints_as_the_table_of_the_terminal(specimen, sweep, updated, tmp_path):
-    run = CliRunner().invoke(main, ["update", str(with_file(specimen, sweep, tmp_path)), "--out", str(tmp_path / "o")])
-    assert run.exit_code == 0, run.output
+    run = succeeded("update", with_file(specimen, sweep, tmp_path), "--out", tmp_path / "o")
     assert [line.rstrip() for line in run.output.splitlines()] == repr(updated).splitlines()
     assert len(repr(updated)) < 3000 and "array(" not in repr(updated)
     assert "s11" in updated._repr_html_() and updated._repr_html_().startswith("<pre")
@@ -342,8 +339,7 @@ def records(folder: Path) -> dict[str, bytes | dict]:
 def test_save_writes_what_the_command_writes(command, specimen, sweep, tmp_path):
     path = with_file(specimen, sweep, tmp_path)
     given = tmp_path / "plate.csv" if command == "extract" else path
-    run = CliRunner().invoke(main, [command, str(given), "--out", str(tmp_path / "command")])
-    assert run.exit_code == 0, run.output
+    succeeded(command, given, "--out", tmp_path / "command")
     folder = getattr(fp, command)(given).save(tmp_path / "new" / "saved")
     assert records(folder) == records(tmp_path / "command") and len(records(folder)) >= 2
 
@@ -352,8 +348,7 @@ def test_save_of_a_diagnosis_writes_what_the_command_writes(specimen, sweep, tmp
     """With few candidates, which the command line has no option for."""
     monkeypatch.setattr("femu_piezo.study.subjects.library", _few)
     path = with_file(specimen, sweep, tmp_path)
-    run = CliRunner().invoke(main, ["diagnose", str(path), "--out", str(tmp_path / "command"), "--report"])
-    assert run.exit_code == 0, run.output
+    succeeded("diagnose", path, "--out", tmp_path / "command", "--report")
     folder = fp.diagnose(path).save(tmp_path / "saved", report=True)
     one, other = records(folder), records(tmp_path / "command")
     assert set(one) == {"curves.csv", "diagnosis.json", "diagnosis.png", "extended.toml", "report.html"}
@@ -404,9 +399,7 @@ def test_corrections_of_a_sweep_reach_the_diagnosis_from_the_command_line(specim
 
     monkeypatch.setattr("femu_piezo.study.diagnose.diagnose", stop)
     path = with_file(specimen, sweep, tmp_path)
-    run = CliRunner().invoke(
-        main, ["diagnose", str(path), "--out", str(tmp_path / "o"), "--correct-phase", "--mask-faults"]
-    )
+    run = invoked("diagnose", path, "--out", tmp_path / "o", "--correct-phase", "--mask-faults")
     assert run.exit_code == 2 and "seen" in run.output
     assert asked["correct_phase"] and asked["mask_faults"] and not (tmp_path / "o").exists()
 

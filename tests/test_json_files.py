@@ -7,11 +7,10 @@ import re
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.files import SCHEMA, json_text, read_json
+from tests.commands import succeeded
 
 PACKAGE = Path(__file__).resolve().parents[1] / "femu_piezo"
 PLATE = """[geometry]
@@ -33,9 +32,7 @@ noise = 0.001
 def test_commands_write_the_schema_first(tmp_path):
     (tmp_path / "plate.toml").write_text(PLATE, encoding="utf-8")
     for words in (["simulate", "plate.toml"], ["extract", "out/impedance.csv"], ["circuit", "out/impedance.csv"]):
-        arguments = [words[0], str(tmp_path / words[1]), "--out", str(tmp_path / "out")]
-        answer = CliRunner().invoke(main, arguments)
-        assert answer.exit_code == 0, answer.output
+        succeeded(words[0], tmp_path / words[1], "--out", tmp_path / "out")
     files = sorted((tmp_path / "out").glob("*.json"))
     assert [file.name for file in files] == ["circuit.json", "extraction.json", "simulation.json"]
     for file in files:

@@ -11,17 +11,16 @@ from pathlib import Path
 
 import pyarrow.parquet
 import pytest
-from click.testing import CliRunner
 from lots import S11, InlinePool, kill_at_random, sweep, write_lot
 
 from femu_piezo.batch.jobs import Job, find_jobs, natural_order
 from femu_piezo.batch.lot import lot_of, lot_text
 from femu_piezo.batch.pool import in_turn
 from femu_piezo.batch.run import run_lot
-from femu_piezo.cli import main
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ENDINGS, ImpedanceSpectrum
+from tests.commands import invoked, succeeded
 
 
 def no_pool():
@@ -44,9 +43,7 @@ def lot(tmp_path_factory) -> tuple[Path, Path, Path]:
     sweeps, specimen = write_lot(folder, 6)
     (sweeps / "p2.csv").write_bytes(b"\x00\x01\x02")
     write_spectrum(sweep(3).band(26e3, 30e3), sweeps / "p3.csv")
-    arguments = ["batch", str(sweeps), "--specimen", str(specimen), "--out", str(folder / "out"), "--workers", "2"]
-    answer = CliRunner().invoke(main, arguments)
-    assert answer.exit_code == 0, answer.output
+    succeeded("batch", sweeps, "--specimen", specimen, "--out", folder / "out", "--workers", "2")
     return sweeps, specimen, folder / "out"
 
 
@@ -218,8 +215,7 @@ def test_a_diagnosis_end_to_end(tmp_path):
     one = sweep(1, width=0.5e-3)
     write_spectrum(ImpedanceSpectrum(one.frequency, one.impedance + 100), sweeps / "p1.csv")
     arguments = ["batch", str(sweeps), "--specimen", str(specimen), "--out", str(tmp_path / "out"), "--workers", "1"]
-    answer = CliRunner().invoke(main, [*arguments, "--diagnose"])
-    assert answer.exit_code == 0, answer.output
+    succeeded(*arguments, "--diagnose")
     row = table(tmp_path / "out")[0]
     assert row["verdict"] == "effect" and row["cause"] == "series_resistance", row["diagnosis"]
     assert float(row["size"]) == pytest.approx(100, abs=4 * float(row["size_std"]))
@@ -249,7 +245,7 @@ def test_natural_order():
 def test_wrong_use_is_one_sentence(lot, tmp_path, arguments, words, monkeypatch):
     monkeypatch.setattr("femu_piezo.batch.cluster.CONNECT_S", 1)
     filled = [item.format(sweeps=lot[0], specimen=lot[1], tmp=tmp_path) for item in arguments]
-    answer = CliRunner().invoke(main, ["batch", *filled])
+    answer = invoked("batch", *filled)
     assert answer.exit_code == 2, answer.output
     assert words in answer.output and answer.output.count("\n") == 1
 

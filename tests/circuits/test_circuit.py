@@ -9,15 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import femu_piezo as fp
 from femu_piezo.circuits.branch import Branch, element_deviations
 from femu_piezo.circuits.circuit import fit_circuit
 from femu_piezo.circuits.spice import spice_text, subcircuit_name
-from femu_piezo.cli import main
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.commands import invoked, succeeded
 from tests.extraction.bar import Bar
 from tests.noise import noisy
 
@@ -133,8 +132,7 @@ def test_a_specimen_gives_the_circuit_of_its_model(tmp_path):
 def test_files(circuit, bar, tmp_path):
     write_spectrum(bar, tmp_path / "bar 40.csv")
     out = tmp_path / "out"
-    answer = CliRunner().invoke(main, ["circuit", str(tmp_path / "bar 40.csv"), "--out", str(out)])
-    assert answer.exit_code == 0, answer.output
+    succeeded("circuit", tmp_path / "bar 40.csv", "--out", out)
     assert sorted(one.name for one in out.iterdir()) == [
         "circuit.cir", "circuit.csv", "circuit.json", "circuit.png", "circuit.s1p",
     ]  # fmt: skip
@@ -152,7 +150,7 @@ def test_a_sweep_without_resonance_is_refused(tmp_path):
     write_spectrum(
         ImpedanceSpectrum(frequency, noise * (1 - 0.02j) / (2j * np.pi * frequency * 1e-9)), tmp_path / "c.csv"
     )
-    answer = CliRunner().invoke(main, ["circuit", str(tmp_path / "c.csv"), "--out", str(tmp_path / "out")])
+    answer = invoked("circuit", tmp_path / "c.csv", "--out", tmp_path / "out")
     assert answer.exit_code == 2 and "no resonance was found" in answer.output
     assert not (tmp_path / "out").exists()
 

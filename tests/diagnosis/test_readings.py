@@ -8,15 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hidden_effects.ritz import RitzPlate
 
 from diagnosis.conftest import DENSITY, FREQUENCY, SIZE
-from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.readings import Reading, read_beside
 from femu_piezo.specimen.file import Readings
+from tests.commands import invoked
 from tests.noise import noisy
 
 VOLUME, AREA, GAP, NOISE = float(np.prod(SIZE)), SIZE[0] * SIZE[1], SIZE[2], 0.02
@@ -129,5 +128,5 @@ def test_two_masses_end_with_exit_code_2(tmp_path):
         'mass = "0.9 g"\n[material]\nbase = "pzt-5h"\n[measurement]\nfile = "a.csv"\n[readings]\nmass = "0.9 g"\n',
         encoding="utf-8",
     )
-    answer = CliRunner().invoke(main, ["update", str(path), "--out", str(tmp_path / "out")])
+    answer = invoked("update", path, "--out", tmp_path / "out")
     assert answer.exit_code == 2 and "geometry.mass" in answer.output and answer.output.strip().count("\n") == 0

@@ -8,11 +8,9 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hidden_effects.ritz import RitzPlate
 
 from diagnosis.conftest import DENSITY, ReducedBody
-from femu_piezo.cli import main
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.selection import compare
 from femu_piezo.diagnosis.verdict import judge
@@ -27,6 +25,7 @@ from femu_piezo.inference.response import Evaluation
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
+from tests.commands import invoked, succeeded
 from tests.noise import noisy
 from tests.specimens import material, plate
 
@@ -182,10 +181,7 @@ def write_study(bars, folder, **hidden: float):
 def test_command_on_a_study_file(bars, tmp_path):
     """One cause common to both bars is named; an update of the extended study file then gives the right ε33T."""
     stray = 8e-12
-    answer = CliRunner().invoke(
-        main, ["diagnose", str(write_study(bars, tmp_path, stray=stray)), "--out", str(tmp_path / "a")]
-    )
-    assert answer.exit_code == 0, answer.output
+    succeeded("diagnose", write_study(bars, tmp_path, stray=stray), "--out", tmp_path / "a")
     record = json.loads((tmp_path / "a/diagnosis.json").read_text(encoding="utf-8"))
     assert record["specimens"] == ["long", "short"]
     (cause,) = record["causes"]
@@ -198,8 +194,7 @@ def test_command_on_a_study_file(bars, tmp_path):
     assert parameters["capacitance"] == pytest.approx(stray, rel=0.05)
     assert sum(item["effect"] == "wrong_length" for item in record["candidates"]) == 2  # a candidate for each specimen
     assert (tmp_path / "a/diagnosis_2.png").stat().st_size > 20000
-    answer = CliRunner().invoke(main, ["update", str(tmp_path / "a/extended.toml"), "--out", str(tmp_path / "b")])
-    assert answer.exit_code == 0, answer.output
+    succeeded("update", tmp_path / "a/extended.toml", "--out", tmp_path / "b")
     updated = json.loads((tmp_path / "b/update.json").read_text(encoding="utf-8"))["parameters"]
     assert updated["eps33T"]["value"] == pytest.approx(bars.theta[9].real, rel=2e-3)
     for name, after in record["parameters"]["after"].items():  # the capacitance stays one unknown common to both bars
@@ -210,7 +205,7 @@ def test_command_on_a_study_file(bars, tmp_path):
 def test_specimens_of_one_name_are_refused(bars, tmp_path):
     study = write_study(bars, tmp_path)
     study.write_text('specimens = ["long.toml", "long.toml"]\n')
-    answer = CliRunner().invoke(main, ["diagnose", str(study), "--out", str(tmp_path / "out")])
+    answer = invoked("diagnose", study, "--out", tmp_path / "out")
     assert answer.exit_code == 2
     assert "two specimens are named 'long'" in answer.output and answer.output.strip().count("\n") == 0
 
@@ -218,8 +213,7 @@ def test_specimens_of_one_name_are_refused(bars, tmp_path):
 def test_measurements_recommended_for_one_bar(bars, tmp_path):
     """A second bar, the open fixture and a micrometer, each with the separation that the model expects of it."""
     write_study(bars, tmp_path, stray=8e-12)
-    answer = CliRunner().invoke(main, ["diagnose", str(tmp_path / "long.toml"), "--out", str(tmp_path / "out")])
-    assert answer.exit_code == 0, answer.output
+    succeeded("diagnose", tmp_path / "long.toml", "--out", tmp_path / "out")
     record = json.loads((tmp_path / "out/diagnosis.json").read_text(encoding="utf-8"))
     assert record["verdict"] == "none"
     found = {(one["cause"], one["measurement"]): one for one in record["separations"]}

@@ -5,15 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.stabilization import rational_stabilization, stabilize
 from femu_piezo.measurement.readers import read_spectrum, write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.commands import succeeded
 
 from .bar import Bar, sweep
 
@@ -61,9 +60,7 @@ def test_columns_make_up_the_signal(kind, low):
 
 def test_command_draws_what_the_method_decomposes(tmp_path):
     write_spectrum(sweep(BAR, np.linspace(20e3, 60e3, 801)), tmp_path / "sweep.csv")
-    arguments = ["extract", str(tmp_path / "sweep.csv"), "--method", "prony-ss", "--out", str(tmp_path / "out")]
-    answer = CliRunner().invoke(main, arguments)
-    assert answer.exit_code == 0, answer.output
+    succeeded("extract", tmp_path / "sweep.csv", "--method", "prony-ss", "--out", tmp_path / "out")
     assert (tmp_path / "out/prony_ss.png").stat().st_size > 20_000
     record = json.loads((tmp_path / "out/extraction.json").read_text(encoding="utf-8"))
     assert record["poles"][0]["frequency_Hz"] == pytest.approx(np.sqrt(BAR.pole(1).real) / (2 * np.pi), rel=1e-5)

@@ -9,9 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.study.model_cache import SharedBases
 from hidden_effects import study
@@ -20,6 +18,7 @@ from hidden_effects.confusion import rates
 from hidden_effects.draws import DENSITY, PZT5H, _drawn, draw
 from hidden_effects.judge import Outcome, judge_draw
 from hidden_effects.ritz import RitzPlate
+from tests.commands import invoked, succeeded
 
 
 @pytest.fixture(scope="module")
@@ -54,9 +53,7 @@ def test_command_names_the_cause_and_the_extended_specimen_has_none(tmp_path):
     """
     hidden = draw("series_resistance", 4, variant=False)
     spec = hidden.write(tmp_path)
-    run = CliRunner()
-    answer = run.invoke(main, ["diagnose", str(spec), "--out", str(tmp_path / "a")])
-    assert answer.exit_code == 0, answer.output
+    succeeded("diagnose", spec, "--out", tmp_path / "a")
     record = json.loads((tmp_path / "a/diagnosis.json").read_text(encoding="utf-8"))
     assert record["verdict"] == "effect"
     (cause,) = record["causes"]
@@ -74,11 +71,9 @@ def test_command_names_the_cause_and_the_extended_specimen_has_none(tmp_path):
     assert stray and stray[0]["indistinguishable_from"] == ["eps33T"]
     assert any("open fixture" in words for words in record["recommended_measurements"])
     assert (tmp_path / "a/diagnosis.png").stat().st_size > 20000
-    again = run.invoke(main, ["diagnose", str(tmp_path / "a/extended.toml"), "--out", str(tmp_path / "b")])
-    assert again.exit_code == 0, again.output
+    succeeded("diagnose", tmp_path / "a/extended.toml", "--out", tmp_path / "b")
     assert json.loads((tmp_path / "b/diagnosis.json").read_text(encoding="utf-8"))["verdict"] == "none"
-    updated = run.invoke(main, ["update", str(tmp_path / "a/extended.toml"), "--out", str(tmp_path / "c")])
-    assert updated.exit_code == 0, updated.output
+    succeeded("update", tmp_path / "a/extended.toml", "--out", tmp_path / "c")
     parameters = json.loads((tmp_path / "c/update.json").read_text(encoding="utf-8"))["parameters"]
     assert parameters["s11"]["value"] == pytest.approx(hidden.theta[0].real, rel=1e-3)
 
@@ -86,7 +81,7 @@ def test_command_names_the_cause_and_the_extended_specimen_has_none(tmp_path):
 def test_unknown_effect_in_a_specimen_file_is_one_sentence(tmp_path):
     spec = draw("none", 7).write(tmp_path)
     spec.write_text(spec.read_text(encoding="utf-8") + "[effects.ghost]\nsize = 1.0\n", encoding="utf-8")
-    answer = CliRunner().invoke(main, ["diagnose", str(spec), "--out", str(tmp_path / "out")])
+    answer = invoked("diagnose", spec, "--out", tmp_path / "out")
     assert answer.exit_code == 2
     assert "ghost" in answer.output and "use one of" in answer.output
     assert answer.output.strip().count("\n") == 0
@@ -102,7 +97,7 @@ def test_unknown_effect_in_a_specimen_file_is_one_sentence(tmp_path):
 def test_value_of_an_effect_out_of_its_range_is_one_sentence(tmp_path, table, words):
     spec = draw("none", 7, points=31).write(tmp_path)
     spec.write_text(spec.read_text(encoding="utf-8") + table, encoding="utf-8")
-    answer = CliRunner().invoke(main, ["diagnose", str(spec), "--out", str(tmp_path / "out")])
+    answer = invoked("diagnose", spec, "--out", tmp_path / "out")
     assert answer.exit_code == 2
     assert answer.output.endswith(words) and answer.output.strip().count("\n") == 0
 

@@ -14,7 +14,6 @@ from types import SimpleNamespace
 import click
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from femu_piezo.batch.jobs import file_checksum
 from femu_piezo.cli import main
@@ -30,6 +29,7 @@ from femu_piezo.store.read import read_pieces
 from femu_piezo.study.adaptive import Wish
 from femu_piezo.study.planning import OPPOSITE, THIRD
 from instruments.conftest import PLATE, analyser
+from tests.commands import invoked, succeeded
 
 COMMON = ("--points", "64", "--speed", "1", "--timeout", "1")
 
@@ -43,9 +43,7 @@ def specimen(tmp_path_factory) -> Path:
 
 
 def run(specimen: Path, address: str, out: Path, *options: str):
-    return CliRunner().invoke(
-        main, ["measure", str(specimen), "--instrument", address, "--out", str(out), *COMMON, *options]
-    )
+    return invoked("measure", specimen, "--instrument", address, "--out", out, *COMMON, *options)
 
 
 def points(out: Path) -> np.ndarray:
@@ -223,8 +221,7 @@ def test_a_plan_for_an_analyser_without_a_connection(specimen, tmp_path):
     """plan.csv, its segments and the printed command have the same frequencies; with --data, the most informative
     next ones.
     """
-    found = CliRunner().invoke(main, ["measure", str(specimen), "--plan", "--points", "50", "--out", str(tmp_path)])
-    assert found.exit_code == 0, found.output
+    found = succeeded("measure", specimen, "--plan", "--points", "50", "--out", tmp_path)
     frequency = np.loadtxt(tmp_path / "plan.csv", skiprows=1)
     assert np.allclose([float(line) for line in found.output.split()], frequency, atol=1e-3) and frequency.size == 50
     rows = np.loadtxt(tmp_path / "plan_segments.csv", delimiter=",", skiprows=1)
@@ -243,8 +240,7 @@ def test_a_full_disk_is_reported():
 
 
 def test_a_plan_that_separates_needs_a_sweep(specimen, tmp_path):
-    command = ["measure", str(specimen), "--plan", "--separate", "--out", str(tmp_path / "out")]
-    failed = CliRunner().invoke(main, command)
+    failed = invoked("measure", specimen, "--plan", "--separate", "--out", tmp_path / "out")
     assert failed.exit_code == 2 and "give the sweep by --data" in failed.output and not (tmp_path / "out").exists()
 
 
@@ -268,8 +264,7 @@ def test_causes_are_separated_at_the_analyser(specimen, tmp_path):
     first = np.loadtxt(out / "points.csv", delimiter=",", skiprows=1)[:32, :3]
     np.savetxt(tmp_path / "first.csv", first, delimiter=",", header="frequency_Hz,R_ohm,X_ohm", comments="")
     plan = ["measure", str(specimen), "--plan", "--separate", "--points", "64", "--out", str(tmp_path / "plan")]
-    planned = CliRunner().invoke(main, [*plan, "--data", str(tmp_path / "first.csv")])
-    assert planned.exit_code == 0, planned.output
+    planned = succeeded(*plan, "--data", tmp_path / "first.csv")
     assert [float(line) for line in planned.output.split()] == pytest.approx(np.sort(points(out)[32:48]), rel=1e-3)
 
 

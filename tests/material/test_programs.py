@@ -9,16 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import femu_piezo as fp
-from femu_piezo.cli import main
 from femu_piezo.files import SCHEMA
 from femu_piezo.material.constants import EPS0, PiezoConstants
 from femu_piezo.material.conversion import StressCharge, from_stress_charge, stress_charge
 from femu_piezo.material.library import library_material
 from femu_piezo.material.programs.writers import PROGRAMS, program
 from femu_piezo.study.export import constants_of_record
+from tests.commands import invoked, succeeded
 
 RNG = np.random.default_rng(7)
 
@@ -162,8 +161,7 @@ NOTHING = {name: {"value": 0, "tan": 0} for name in PZT.as_dict()}
 def test_the_command_writes_the_constants_of_an_update(name, tmp_path):
     (tmp_path / "update.json").write_text(json.dumps(RECORD), encoding="utf-8")
     arguments = ["export", str(tmp_path / "update.json"), "--to", name, "--out", str(tmp_path / "out")]
-    answer = CliRunner().invoke(main, [*arguments, "--poling", "0", "1", "0"])
-    assert answer.exit_code == 0, answer.output
+    succeeded(*arguments, "--poling", "0", "1", "0")
     written = tmp_path / "out" / f"material.{PROGRAMS[name].suffix}"
     material, density = PROGRAMS[name].read(written.read_text(encoding="utf-8"))
     assert density == 7500.0
@@ -202,8 +200,7 @@ def test_an_update_is_exported(tmp_path):
 )
 def test_wrong_input_is_one_sentence(content, extra, told, tmp_path):
     (tmp_path / "update.json").write_text(content, encoding="utf-8")
-    arguments = ["export", str(tmp_path / "update.json"), "--to", "comsol", "--out", str(tmp_path / "out"), *extra]
-    answer = CliRunner().invoke(main, arguments)
+    answer = invoked("export", tmp_path / "update.json", "--to", "comsol", "--out", tmp_path / "out", *extra)
     assert answer.exit_code == 2 and told in answer.output and not (tmp_path / "out").exists()
 
 
@@ -215,15 +212,13 @@ def test_constants_of_an_unstable_material_carry_a_note(name, tmp_path):
     constants = {**RECORD["constants"], "d31": {"value": 3 * PZT.d31.real, "tan": 0.01}}
     (tmp_path / "update.json").write_text(json.dumps({**RECORD, "constants": constants}), encoding="utf-8")
     arguments = ["export", str(tmp_path / "update.json"), "--to", name, "--out", str(tmp_path / "out")]
-    answer = CliRunner().invoke(main, arguments)
+    answer = invoked(*arguments)
     assert answer.exit_code == 0 and "note: " in answer.output and "no stable material" in answer.output
     text = (tmp_path / "out" / f"material.{PROGRAMS[name].suffix}").read_text(encoding="utf-8")
     assert "Caution: " in text and "not positive definite" in " ".join(text.split())
     assert PROGRAMS[name].read(text)[1] == 7500.0
     (tmp_path / "update.json").write_text(json.dumps(RECORD), encoding="utf-8")
-    assert "note" not in CliRunner().invoke(main, arguments).output and "Caution" not in fp.export(
-        tmp_path / "update.json", name
-    )
+    assert "note" not in invoked(*arguments).output and "Caution" not in fp.export(tmp_path / "update.json", name)
 
 
 def test_an_unknown_program_is_refused():
@@ -236,8 +231,6 @@ def test_a_schema_of_a_later_release_is_refused(tmp_path):
     (tmp_path / "update.json").write_text(json.dumps(RECORD), encoding="utf-8")
     assert constants_of_record(tmp_path / "update.json")[2] == RECORD["specimen"]
     (tmp_path / "update.json").write_text(json.dumps({"schema": SCHEMA + 1, **RECORD}), encoding="utf-8")
-    answer = CliRunner().invoke(
-        main, ["export", str(tmp_path / "update.json"), "--to", "json", "--out", str(tmp_path / "out")]
-    )
+    answer = invoked("export", tmp_path / "update.json", "--to", "json", "--out", tmp_path / "out")
     assert answer.exit_code == 2 and answer.output.count("\n") == 1
     assert f"schema {SCHEMA + 1}" in answer.output and f"reads schema {SCHEMA}" in answer.output

@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import skrf
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.measured import measure
+from tests.commands import invoked, succeeded
 
 from .sweeps import SOFT, bar_impedance
 
@@ -118,8 +117,7 @@ def test_a_specimen_file_takes_touchstone(tmp_path):
     text += f'[material]\nbase = "tj52-hd"\n[measurement]\nfile = "{path.name}"\nconnection = "shunt"\n'
     (tmp_path / "plate.toml").write_text(text, encoding="utf-8")
     assert measure(read_specimen(tmp_path / "plate.toml")).pair.pole.frequency_Hz == pytest.approx(35.4e3, rel=0.02)
-    answer = CliRunner().invoke(main, ["extract", str(path), "--out", str(tmp_path / "out"), "--connection", "shunt"])
-    assert answer.exit_code == 0, answer.output
+    succeeded("extract", path, "--out", tmp_path / "out", "--connection", "shunt")
     assert json.loads((tmp_path / "out" / "extraction.json").read_text(encoding="utf-8"))["poles"]
 
 
@@ -137,7 +135,7 @@ def test_damaged_files_are_told_in_one_sentence(tmp_path, text, told):
     (tmp_path / "sweep.s1p").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=told):
         read_spectrum(tmp_path / "sweep.s1p")
-    answer = CliRunner().invoke(main, ["extract", str(tmp_path / "sweep.s1p"), "--out", str(tmp_path / "out")])
+    answer = invoked("extract", tmp_path / "sweep.s1p", "--out", tmp_path / "out")
     assert answer.exit_code == 2 and not (tmp_path / "out").exists()
 
 

@@ -7,12 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import femu_piezo as fp
-from femu_piezo.cli import main
 from femu_piezo.output.data_sheet import as_pdf, data_sheet
+from tests.commands import invoked, succeeded
 
 SPEC = Path(__file__).resolve().parents[2] / "tutorials" / "k31_plate" / "plate.toml"
 
@@ -64,10 +63,8 @@ def test_one_page_of_pdf(result):
 
 def test_the_command_goes_from_a_sweep_to_the_page(tmp_path):
     sweep = SPEC.parent / "sweep.csv"
-    answer = CliRunner().invoke(main, ["datasheet", str(SPEC), "--data", str(sweep), "--out", str(tmp_path / "out")])
-    assert answer.exit_code == 0, answer.output
+    succeeded("datasheet", SPEC, "--data", sweep, "--out", tmp_path / "out")
     names = sorted(one.name for one in (tmp_path / "out").iterdir())
     assert names == ["datasheet.pdf", "datasheet.png", "update.json"]
-    wrong = ["datasheet", str(SPEC), "--data", str(tmp_path / "none.csv"), "--out", str(tmp_path / "other")]
-    answer = CliRunner().invoke(main, wrong)
+    answer = invoked("datasheet", SPEC, "--data", tmp_path / "none.csv", "--out", tmp_path / "other")
     assert answer.exit_code == 2 and "no such file" in answer.output and not (tmp_path / "other").exists()

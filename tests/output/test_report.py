@@ -11,13 +11,12 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.output import report_modes
 from femu_piezo.output.report import Section, report_html
 from femu_piezo.output.report_update import _stated
+from tests.commands import succeeded
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEC = ROOT / "tutorials" / "k31_plate" / "plate.toml"
@@ -62,8 +61,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("report")
-    answer = CliRunner().invoke(main, ["update", str(SPEC), "--out", str(out), "--report"])
-    assert answer.exit_code == 0, answer.output
+    succeeded("update", SPEC, "--out", out, "--report")
     return out
 
 
@@ -155,8 +153,7 @@ def test_a_machine_without_renderer_still_gets_a_report(monkeypatch, tmp_path):
         raise InputError("mode pictures need a library to draw with")
 
     monkeypatch.setattr(report_modes, "mode_figure", fails)
-    answer = CliRunner().invoke(main, ["update", str(SPEC), "--out", str(tmp_path), "--report"])
-    assert answer.exit_code == 0, answer.output
+    succeeded("update", SPEC, "--out", tmp_path, "--report")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "could not be drawn here: mode pictures need a library" in text
     assert (

@@ -13,11 +13,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from test_report import Page
 
 from femu_piezo.batch.steps import CONSTANT_COLUMNS, DIAGNOSIS_COLUMNS, UPDATE_COLUMNS
-from femu_piezo.cli import main
 from femu_piezo.diagnosis.averaging import Averaged
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.effects.effect import EffectParameter
@@ -33,6 +31,7 @@ from femu_piezo.output.tables import interval_text
 from femu_piezo.output.wording import band, listed, merged, quantity
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import LinearBody, diagnose
+from tests.commands import succeeded
 from tests.noise import noisy
 
 TUTORIAL = Path(__file__).resolve().parents[2] / "tutorials" / "hidden_effect"
@@ -81,9 +80,7 @@ def _diagnosed(folder: Path, verdict: str) -> Case:
     text = "\n".join(line for line in text.splitlines() if not line.startswith("held_out"))
     (folder / "plate.toml").write_text(f"{text}\n", encoding="utf-8")
     if verdict == "effect":
-        command = ["diagnose", str(folder / "plate.toml"), "--out", str(folder / "out"), "--report"]
-        answer = CliRunner().invoke(main, command)
-        assert answer.exit_code == 0, answer.output
+        answer = succeeded("diagnose", folder / "plate.toml", "--out", folder / "out", "--report")
         terminal = answer.output
     else:  # one cause at most of few candidates, which is enough for the words and much faster
         few, terminal = [circuits.candidates, losses.candidates], ""

@@ -11,11 +11,10 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import femu_piezo as fp
-from femu_piezo.cli import main
 from femu_piezo.geometry.mesh_file import MeshFile
+from tests.commands import succeeded
 from tests.variants import variants
 
 SHAPES = {
@@ -69,9 +68,7 @@ def folder(request, tmp_path_factory):
     out = tmp_path_factory.mktemp(request.param)
     text = "[geometry]\n" + SHAPES[request.param][0] + '[material]\nbase = "pzt-5h"\n'
     (out / "piece.toml").write_text(text, encoding="utf-8")
-    arguments = ["modes", str(out / "piece.toml"), "--out", str(out / "out"), "--count", "1", "--vtu", "--mesh"]
-    answer = CliRunner().invoke(main, arguments)
-    assert answer.exit_code == 0, answer.output
+    succeeded("modes", out / "piece.toml", "--out", out / "out", "--count", "1", "--vtu", "--mesh")
     return out / "out", request.param
 
 

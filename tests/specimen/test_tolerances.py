@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.specimen.file import (
     CONSTANTS,
     Geometry,
@@ -19,6 +17,7 @@ from femu_piezo.specimen.file import (
     read_specimen,
     write_specimen,
 )
+from tests.commands import invoked
 
 #: Lines of [geometry] for each shape, to which a key is added.
 PLATE = 'shape = "plate"\nlength = "40 mm"\nwidth = "5 mm"\nthickness = "1 mm"\n'
@@ -98,7 +97,7 @@ def test_a_wrong_value_is_one_sentence(key, tmp_path):
     for value in (f'"{EVERY[key][2]}"', "-0.001", "nan", '"five"', "true", "[1, 2]"):
         content, where = text(key, value)
         path.write_text(content, encoding="utf-8")
-        answer = CliRunner().invoke(main, ["update", str(path), "--out", str(tmp_path / "out")])
+        answer = invoked("update", path, "--out", tmp_path / "out")
         assert answer.exit_code == 2, (value, answer.output)
         assert f"{path}: {where}" in answer.output and answer.output.strip().count("\n") == 0, answer.output
         assert ";" in answer.output or "write" in answer.output or "such as" in answer.output, answer.output
@@ -134,7 +133,7 @@ def test_keys_that_do_not_go_together_are_one_sentence(given, told, tmp_path):
         f"[measurement]\n{parts['measurement']}{parts['update']}",
         encoding="utf-8",
     )
-    answer = CliRunner().invoke(main, ["update", str(path), "--out", str(tmp_path / "out")])
+    answer = invoked("update", path, "--out", tmp_path / "out")
     assert answer.exit_code == 2 and told in answer.output, answer.output
     assert answer.output.strip().count("\n") == 0
 

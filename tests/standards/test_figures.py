@@ -10,11 +10,9 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.special import jv
 
 import femu_piezo as fp
-from femu_piezo.cli import main
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.roots import fundamental
 from femu_piezo.measurement.readers import write_spectrum
@@ -24,6 +22,7 @@ from femu_piezo.standards.figures import read_curve, standard_figures
 from femu_piezo.standards.frequencies import characteristic_frequencies
 from femu_piezo.standards.piece import Piece, material_figures
 from tests import k31_bar
+from tests.commands import invoked
 
 TAN = 1 - 1e-3j
 RHO = 7600.0
@@ -257,19 +256,11 @@ def test_the_sweep_of_the_model_deviates_from_it_by_the_error_of_the_formula_alo
 
 def test_commands_write_the_figures(plates, tmp_path):
     folder = plates[3][0]
-    answer = CliRunner().invoke(main, ["extract", str(folder / "sweep.csv"), "--out", str(tmp_path / "e")])
+    answer = invoked("extract", folder / "sweep.csv", "--out", tmp_path / "e")
     assert answer.exit_code == 0 and "series resonance, largest conductance" in answer.output
     record = json.loads((tmp_path / "e" / "extraction.json").read_text(encoding="utf-8"))
     assert record["standard_figures"]["figures"]["fs"]["value"] == pytest.approx(plates[3][1]["fs"].value)
-    arguments = [
-        "update",
-        str(folder / "plate.toml"),
-        "--data",
-        str(folder / "sweep.csv"),
-        "--out",
-        str(tmp_path / "u"),
-    ]
-    answer = CliRunner().invoke(main, arguments)
+    answer = invoked("update", folder / "plate.toml", "--data", folder / "sweep.csv", "--out", tmp_path / "u")
     assert answer.exit_code == 0 and "what the handbook formulas get wrong for this piece" in answer.output
     record = json.loads((tmp_path / "u" / "update.json").read_text(encoding="utf-8"))
     k31 = record["specimens"][0]["standard_figures"][0]["figures"]["k31"]

@@ -11,14 +11,12 @@ from pathlib import Path
 
 import pyarrow.parquet
 import pytest
-from click.testing import CliRunner
 from made import entry, write_in_turn
 from made import lots as made_lots
 from sqlalchemy import select
 
 from femu_piezo.batch.jobs import find_jobs, program_checksum
 from femu_piezo.batch.run import run_lot
-from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.store import schema
 from femu_piezo.store.address import check_address
@@ -29,9 +27,11 @@ from femu_piezo.store.write import keeper, lot_keeper, write
 sys.path.append(str(Path(__file__).parents[1] / "batch"))
 from lots import InlinePool, write_lot
 
+from tests.commands import invoked
+
 
 def run(*arguments: str, code: int = 0) -> str:
-    answer = CliRunner().invoke(main, [str(item) for item in arguments])
+    answer = invoked(*arguments)
     assert answer.exit_code == code, answer.output
     return answer.output
 

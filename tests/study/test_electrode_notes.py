@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.shapes import electrode_notes
+from tests.commands import succeeded
 
 PLATE = """
 [geometry]
@@ -49,9 +48,7 @@ def test_full_electrodes_need_no_note(tmp_path):
 def test_commands_print_and_record_it(tmp_path):
     path = specimen(tmp_path, 'electrode_length = "5 mm"\nelements = "tetrahedron"\n')
     path.write_text(path.read_text(encoding="utf-8") + "[update]\naccuracy = 1e-2\n", encoding="utf-8")
-    arguments = ["modes", str(path), "--out", str(tmp_path / "out"), "--band", "100000", "200000"]
-    answer = CliRunner().invoke(main, arguments)
-    assert answer.exit_code == 0, answer.output
+    answer = succeeded("modes", path, "--out", tmp_path / "out", "--band", "100000", "200000")
     assert "note:" in answer.output and "singular" in answer.output
     record = json.loads((tmp_path / "out/modes.json").read_text(encoding="utf-8"))
     assert len(record["notes"]) == 1 and "singular" in record["notes"][0]

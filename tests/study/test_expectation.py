@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import femu_piezo as fp
-from femu_piezo.cli import main
 from femu_piezo.specimen.file import read_specimen
+from tests.commands import succeeded
 
 #: A plate with the usual tolerances, and sweeps of twelve such plates by spectral elements (make_sweep.py there).
 FOLDER = Path(__file__).resolve().parents[2] / "tutorials" / "stated_uncertainty"
@@ -180,8 +179,7 @@ def test_a_file_without_losses_has_the_usual_ones(specimen):
 
 def test_command_prints_and_writes_them(tmp_path):
     """Table, identifiability.json and budget.png."""
-    answer = CliRunner().invoke(main, ["identify", str(FOLDER / "plate.toml"), "--out", str(tmp_path / "out")])
-    assert answer.exit_code == 0, answer.output
+    answer = succeeded("identify", FOLDER / "plate.toml", "--out", tmp_path / "out")
     assert "constants from a sweep with 0.1 % noise" in answer.output  # the noise of the file
     assert "201 points from 20 kHz to 200 kHz" in answer.output
     (line,) = (line for line in answer.output.splitlines() if "std_density" in line)

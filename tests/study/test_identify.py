@@ -6,11 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.output.noise_study import noise_study_figure
 from femu_piezo.study.noise_study import Setting
+from tests.commands import invoked, succeeded
 
 BODY = """
 name = "{name}"
@@ -38,8 +37,7 @@ def record(tmp_path_factory):
     folder = tmp_path_factory.mktemp("identify")
     spec = folder / "k31.toml"
     spec.write_text(BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz"), encoding="utf-8")
-    answer = CliRunner().invoke(main, ["identify", str(spec), "--out", str(folder / "out"), "--noise", "0.001"])
-    assert answer.exit_code == 0, answer.output
+    succeeded("identify", spec, "--out", folder / "out", "--noise", "0.001")
     assert (folder / "out" / "sensitivity.png").stat().st_size > 1000
     return json.loads((folder / "out" / "identifiability.json").read_text(encoding="utf-8"))
 
@@ -70,8 +68,7 @@ def test_noise_scales_the_prediction(record, tmp_path):
     """Twice the noise gives twice the deviations."""
     spec = tmp_path / "k31.toml"
     spec.write_text(BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz"), encoding="utf-8")
-    answer = CliRunner().invoke(main, ["identify", str(spec), "--out", str(tmp_path / "out"), "--noise", "0.002"])
-    assert answer.exit_code == 0
+    succeeded("identify", spec, "--out", tmp_path / "out", "--noise", "0.002")
     double = json.loads((tmp_path / "out" / "identifiability.json").read_text(encoding="utf-8"))
     ratios = [
         double["constants"][name]["relative_std_if_all_else_known"] / item["relative_std_if_all_else_known"]
@@ -86,9 +83,7 @@ def studied(folder, points: int, draws: int) -> dict[tuple[float, int], dict]:
     spec = folder / "k31.toml"
     text = BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz")
     spec.write_text(text.replace("points = 301", f"points = {points}"), encoding="utf-8")
-    run = ["identify", str(spec), "--out", str(folder / "out"), "--noise", "0.001", "--study", str(draws)]
-    answer = CliRunner().invoke(main, run)
-    assert answer.exit_code == 0, answer.output
+    succeeded("identify", spec, "--out", folder / "out", "--noise", "0.001", "--study", draws)
     assert (folder / "out/study.png").stat().st_size > 20_000
     study = json.loads((folder / "out/identifiability.json").read_text(encoding="utf-8"))["study"]
     found = {(round(one["noise"], 9), one["points"]): one for one in study}
@@ -123,7 +118,7 @@ def test_study_of_drawn_specimens(tmp_path):
 def test_a_study_needs_enough_draws(tmp_path):
     spec = tmp_path / "k31.toml"
     spec.write_text(BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz"), encoding="utf-8")
-    answer = CliRunner().invoke(main, ["identify", str(spec), "--out", str(tmp_path / "out"), "--study", "5"])
+    answer = invoked("identify", spec, "--out", tmp_path / "out", "--study", "5")
     assert answer.exit_code == 2 and "20" in answer.output
 
 
@@ -134,10 +129,7 @@ def test_a_plan_tells_more_than_as_many_points_equally_spaced(tmp_path):
     """
     text = BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz")
     (tmp_path / "k31.toml").write_text(text + "[update]\nnoise_only = true\n[measurement]\nnoise = 0.003\n")
-    answer = CliRunner().invoke(
-        main, ["identify", str(tmp_path / "k31.toml"), "--out", str(tmp_path / "out"), "--plan", "80"]
-    )
-    assert answer.exit_code == 0, answer.output
+    answer = succeeded("identify", tmp_path / "k31.toml", "--out", tmp_path / "out", "--plan", "80")
     assert "plan, 80 points" in answer.output and "320 equally spaced" in answer.output
     frequency = np.loadtxt(tmp_path / "out/plan.csv", skiprows=1)
     assert len(frequency) == 80 and np.all(np.diff(frequency) > 0) and frequency[[0, -1]] == pytest.approx([100, 90e3])
@@ -147,10 +139,10 @@ def test_a_plan_tells_more_than_as_many_points_equally_spaced(tmp_path):
     for label in ("s11", "tan_s11"):
         assert expected["plan"][label] < 0.6 * expected["equal"][label]
         assert expected["plan"][label] < expected["equal, four times"][label]
-    few = CliRunner().invoke(main, ["identify", str(tmp_path / "k31.toml"), "--out", "o", "--plan", "5"])
+    few = invoked("identify", tmp_path / "k31.toml", "--out", "o", "--plan", "5")
     assert few.exit_code == 2
     both = [str(tmp_path / "k31.toml")] * 2
-    assert CliRunner().invoke(main, ["identify", *both, "--out", "o", "--plan", "50"]).exit_code == 2
+    assert invoked("identify", *both, "--out", "o", "--plan", "50").exit_code == 2
 
 
 def test_the_picture_of_a_study_shows_its_bias():

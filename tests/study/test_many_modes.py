@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hidden_effects.build import Build
 from hidden_effects.draws import (
     DENSITY,
@@ -24,11 +23,11 @@ from hidden_effects.draws import (
 )
 
 from femu_piezo import read_specimen, update
-from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.commands import invoked, succeeded
 from tests.noise import noisy
 from tests.specimens import material, plate
 
@@ -81,8 +80,7 @@ def test_two_specimens_join(tmp_path):
     """The command on two plates of one material: every deviation is smaller than with one plate."""
     files = [written(tmp_path, 1), written(tmp_path, 2, length=16e-3)]
     out = tmp_path / "out"
-    answer = CliRunner().invoke(main, ["update", *map(str, files), "--method", "pole-zero", "--out", str(out)])
-    assert answer.exit_code == 0, answer.output
+    succeeded("update", *files, "--method", "pole-zero", "--out", out)
     both = json.loads((out / "update.json").read_text(encoding="utf-8"))
     assert both["method"] == "pole_zero" and len(both["specimens"]) == 2
     alone = update(read_specimen(files[0])).parameters
@@ -146,7 +144,7 @@ def test_budget_of_the_pole_zero_method(tmp_path):
     """Parts add up in squares, in update.json as well; the geometry is the largest part of s11."""
     path, _ = in_a_laboratory(tmp_path, 1)
     out = tmp_path / "out"
-    answer = CliRunner().invoke(main, ["update", str(path), "--out", str(out)])
+    answer = invoked("update", path, "--out", out)
     assert answer.exit_code == 0 and "geometry" in answer.output and "finite elements" in answer.output, answer.output
     assert (out / "budget.png").is_file()
     for name, one in json.loads((out / "update.json").read_text(encoding="utf-8"))["parameters"].items():

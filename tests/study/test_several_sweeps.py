@@ -12,7 +12,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hidden_effects.build import Build
 from hidden_effects.draws import DENSITY, NAMES, PZT5H
 from hidden_effects.reduced import Plate
@@ -20,12 +19,12 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from femu_piezo import diagnose, read_specimen, simulate, update
-from femu_piezo.cli import main
 from femu_piezo.effects.library import circuits, drive_level, losses, sweep_too_fast, temperature_drift
 from femu_piezo.errors import InputError
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.commands import invoked
 from tests.noise import noisy
 from tests.specimens import material, plate
 
@@ -325,7 +324,7 @@ def test_wrong_sweeps_are_one_sentence(kind, bench):
     path = bench.write(*more)
     with pytest.raises(InputError, match=words.replace("[", r"\[").replace("]", r"\]")):
         read_specimen(path)
-    answer = CliRunner().invoke(main, ["update", str(path), "--out", str(bench.folder / "out")])
+    answer = invoked("update", path, "--out", bench.folder / "out")
     assert answer.exit_code == 2 and "Traceback" not in answer.output
     assert not (bench.folder / "out").exists()
 

@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.measurement.rational_curve import RationalCurve
@@ -18,6 +16,7 @@ from femu_piezo.study.effects import body_as_simulated, effects_as_simulated
 from femu_piezo.study.modes import modes
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.simulate import simulate
+from tests.commands import invoked, succeeded
 
 PLATE = """
 [geometry]
@@ -134,9 +133,7 @@ def test_a_longer_plate_has_the_poles_of_a_longer_plate(tmp_path):
 
 def test_the_command_says_whose_poles_it_prints(tmp_path):
     specimen(tmp_path, '[effects.series_resistance]\nresistance = "100 ohm"\n')
-    arguments = ["simulate", str(tmp_path / "plate.toml"), "--out", str(tmp_path / "out")]
-    answer = CliRunner().invoke(main, arguments)
-    assert answer.exit_code == 0, answer.output
+    answer = succeeded("simulate", tmp_path / "plate.toml", "--out", tmp_path / "out")
     assert "with its effects (series_resistance)" in answer.output
     record = json.loads((tmp_path / "out/simulation.json").read_text(encoding="utf-8"))
     assert record["effects"] == ["series_resistance"] and len(record["poles"]) == 2
@@ -243,7 +240,7 @@ def test_a_trapezoid_has_wrong_dimensions_as_well(tmp_path, dimension):
 def test_wrong_tables_of_a_fit_are_told_in_one_sentence(tmp_path, tail, told):
     (tmp_path / "plate.toml").write_text(PLATE.format(stop="120 kHz") + tail, encoding="utf-8")
     for command in ("simulate", "modes"):
-        answer = CliRunner().invoke(main, [command, str(tmp_path / "plate.toml"), "--out", str(tmp_path / "out")])
+        answer = invoked(command, tmp_path / "plate.toml", "--out", tmp_path / "out")
         assert answer.exit_code == 2 and told in answer.output, answer.output
         assert answer.output.strip().count("\n") == 0
 

@@ -6,9 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen, read_specimens
 from femu_piezo.study import beginning
@@ -16,6 +14,7 @@ from femu_piezo.study.beginning import begin
 from femu_piezo.study.measured import measure
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.update import update
+from tests.commands import invoked, succeeded
 from tests.noise import noisy_sweep
 
 TRIO = ("s11", "d31", "eps33T")
@@ -124,8 +123,7 @@ def test_prior_of_the_specimen_file_is_kept_where_the_data_say_nothing(sweeps, w
 def test_command_line_writes_the_contract(sweeps, write_specimen_of, tmp_path):
     spec = write_specimen_of("k31", noisy_sweep(sweeps["k31"], 1e-3, 1), TRIO)
     out = tmp_path / "out"
-    answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(out), "--timings"])
-    assert answer.exit_code == 0, answer.output
+    succeeded("update", spec, "--out", out, "--timings")
     record = json.loads((out / "update.json").read_text(encoding="utf-8"))
     assert set(record["parameters"]) == set(TRIO)
     for estimate in record["parameters"].values():
@@ -149,8 +147,7 @@ def test_samples_of_a_sound_sweep_are_those_of_the_stated_deviations(sweeps, wri
     """With all tolerances sampled; the command writes the corner picture, samples and intervals."""
     spec = write_specimen_of("k31", noisy_sweep(sweeps["k31"], 1e-3, 1), TRIO)
     out = tmp_path / "out"
-    answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(out), "--sample", "150"])
-    assert answer.exit_code == 0, answer.output
+    succeeded("update", spec, "--out", out, "--sample", "150")
     record = json.loads((out / "update.json").read_text(encoding="utf-8"))
     for name, one in record["parameters"].items():
         for label, value, std in ((name, one["value"], one["std"]), (f"tan_{name}", one["tan"], one["tan_std"])):
@@ -160,7 +157,7 @@ def test_samples_of_a_sound_sweep_are_those_of_the_stated_deviations(sweeps, wri
     rows = (out / "samples.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) >= 143 and rows[0].startswith("s11,tan_s11,d31,")
     assert (out / "corner.png").stat().st_size > 20_000
-    few = CliRunner().invoke(main, ["update", str(spec), "--out", str(out), "--sample", "5"])
+    few = invoked("update", spec, "--out", out, "--sample", "5")
     assert few.exit_code == 2 and "50" in few.output
 
 
@@ -171,18 +168,14 @@ def test_simulate_then_extract_then_update(write_specimen_of, sweeps, tmp_path):
         spec.read_text(encoding="utf-8") + "\n[simulation]\nstart = 100e3\nstop = 140e3\npoints = 201\nnoise = 1e-4\n",
         encoding="utf-8",
     )
-    run = CliRunner()
-    assert run.invoke(main, ["simulate", str(spec), "--out", str(tmp_path / "s")]).exit_code == 0
-    assert run.invoke(main, ["extract", str(tmp_path / "s/impedance.csv"), "--out", str(tmp_path / "e")]).exit_code == 0
+    succeeded("simulate", spec, "--out", tmp_path / "s")
+    succeeded("extract", tmp_path / "s/impedance.csv", "--out", tmp_path / "e")
     simulated = json.loads((tmp_path / "s/simulation.json").read_text(encoding="utf-8"))
     extracted = json.loads((tmp_path / "e/extraction.json").read_text(encoding="utf-8"))
     for kind in ("poles", "zeros"):
         assert extracted[kind][0]["frequency_Hz"] == pytest.approx(simulated[kind][0]["frequency_Hz"], rel=1e-5)
         assert extracted[kind][0]["loss"] == pytest.approx(simulated[kind][0]["loss"], rel=2e-2)
-    answer = run.invoke(
-        main, ["update", str(spec), "--data", str(tmp_path / "s/impedance.csv"), "--out", str(tmp_path / "u")]
-    )
-    assert answer.exit_code == 0, answer.output
+    succeeded("update", spec, "--data", tmp_path / "s/impedance.csv", "--out", tmp_path / "u")
 
 
 @pytest.mark.parametrize(
@@ -200,7 +193,7 @@ def test_wrong_input_is_one_sentence(sweeps, write_specimen_of, tmp_path, change
     assert change[0] in text
     spec.write_text(text.replace(*change), encoding="utf-8")
     out = tmp_path / "out"
-    answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(out)])
+    answer = invoked("update", spec, "--out", out)
     assert answer.exit_code == code
     assert words in answer.output
     assert "Traceback" not in answer.output
@@ -212,7 +205,7 @@ def test_a_sweep_without_its_fundamental_is_refused(sweeps, write_specimen_of, t
     """The band ends below the resonance."""
     sweep = sweeps["k31"]
     spec = write_specimen_of("k31", sweep.band(105e3, 114e3), TRIO)
-    answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(tmp_path / "out")])
+    answer = invoked("update", spec, "--out", tmp_path / "out")
     assert answer.exit_code == 2
     assert "no resonance with both its pole and its zero" in answer.output
 
@@ -289,6 +282,6 @@ def test_a_note_says_that_a_bar_is_a_poor_source_of_the_permittivity(sweeps, wri
 def test_a_lossless_simulation_is_recognised(sweeps, write_specimen_of, tmp_path):
     sweep = sweeps["k31"]
     spec = write_specimen_of("k31", ImpedanceSpectrum(sweep.frequency, 1j * sweep.impedance.imag), TRIO)
-    answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(tmp_path / "out")])
+    answer = invoked("update", spec, "--out", tmp_path / "out")
     assert answer.exit_code == 2
     assert "simulated without loss" in answer.output

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.effects.library import circuits
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import diagnose
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.update import update
+from tests.commands import invoked
 
 TRIO = ("s11", "d31", "eps33T")
 
@@ -63,6 +62,6 @@ def test_a_density_that_no_ceramic_has_is_questioned(pieces, change, found, tmp_
     path = tmp_path / "k31.toml"
     path.write_text(path.read_text(encoding="utf-8").replace(*change), encoding="utf-8")
     for command in ("simulate", "update", "diagnose", "identify", "modes"):
-        answer = CliRunner().invoke(main, [command, str(path), "--out", str(tmp_path / "out")])
+        answer = invoked(command, path, "--out", tmp_path / "out")
         assert answer.exit_code == 2 and answer.output.strip().count("\n") == 0, answer.output
         assert found in answer.output and "is the unit of the mass or of a dimension wrong?" in answer.output

@@ -11,9 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
+from tests.commands import succeeded
 
 from .conftest import TUTORIALS, Server
 
@@ -93,9 +92,7 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
     page.get_by_role("button", name="Update the constants").click()
     page.get_by_text("done in").wait_for()
     shown = cells(page, "constants")
-    order = ["update", str(TUTORIALS / "k31_plate/plate.toml"), "--out", str(tmp_path / "terminal")]
-    run = CliRunner().invoke(main, order)
-    assert run.exit_code == 0, run.output
+    run = succeeded("update", TUTORIALS / "k31_plate/plate.toml", "--out", tmp_path / "terminal")
     printed = [[cell.strip() for cell in line.split("│")[1:-1]] for line in run.output.splitlines() if "│" in line]
     for name, unit, value, tangent, most in shown:
         row = next(one for one in printed if one[0] == name)
