@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from scipy.linalg import eigvals
 
 NEWTON_STEPS = 6
 #: Least number of polynomials of a sweep that are computed at once and cached.
@@ -118,16 +119,30 @@ class RationalModel:
     def zeros(self) -> np.ndarray:
         """Every root of the charge function in x: the zeros of Y, physical and spurious, unsorted.
 
-        The numerator Σ_m r_m Π_{k≠m}(z_k − x) + B(x) Π(z_m − x) is formed in the Chebyshev basis, its roots
-        come from the colleague matrix and are polished by Newton steps on the charge function itself.
+        With w_m = T_0/(z_m − x) a root x is an eigenvalue, and (T_0 … T_{d−1}, w) its vector, of
+
+            x T_0 = T_1,    2x T_k = T_{k−1} + T_{k+1},    x w_m = z_m w_m − T_0,
+            2x b_d T_{d−1} = b_d T_{d−2} − Σ_{k<d} b_k T_k − Σ_m r_m w_m
+
+        (x b_1 T_0 = −b_0 T_0 − Σ_m r_m w_m for d = 1). Newton steps on the charge function itself polish the roots: a
+        polynomial over all poles would lose them in its rounding.
         """
-        if self.poles.size == 0 and self.background.size < 2:
-            return np.zeros(0, complex)
-        total = chebyshev.chebmul(self.background, _from_roots(self.poles))
-        for m, residue in enumerate(self.residues):
-            total = chebyshev.chebadd(total, residue * _from_roots(np.delete(self.poles, m)))
-        roots = chebyshev.chebroots(chebyshev.chebtrim(total, 1e-300))
-        return self._polished(roots)
+        m, d = self.poles.size, max(self.background.size - 1, 1)
+        b = np.zeros(d + 1, dtype=complex)
+        b[: self.background.size] = self.background
+        left, right = np.zeros((2, d + m, d + m), dtype=complex)
+        for k in range(d - 1):
+            left[k, k + 1], right[k, k] = 1.0, 2.0 if k else 1.0
+            if k:
+                left[k, k - 1] = 1.0
+        left[d - 1, :d], left[d - 1, d:] = -b[:d], -self.residues
+        right[d - 1, d - 1] = 2 * b[d] if d > 1 else b[d]
+        if d > 1:
+            left[d - 1, d - 2] += b[d]
+        modes = np.arange(d, d + m)
+        left[modes, modes], left[modes, 0], right[modes, modes] = self.poles, -1.0, 1.0
+        roots = eigvals(left, right)
+        return self._polished(roots[np.isfinite(roots)])
 
     def _polished(self, roots: np.ndarray) -> np.ndarray:
         """Roots (n,) after Newton steps; a root from which the steps lead away stays where it was."""
@@ -165,8 +180,3 @@ def _is_sweep(x: np.ndarray) -> bool:
 @lru_cache(maxsize=4)
 def _kept_polynomials(x: bytes, count: int) -> np.ndarray:
     return chebyshev.chebvander(np.frombuffer(x), count - 1)
-
-
-def _from_roots(roots: np.ndarray) -> np.ndarray:
-    """Chebyshev coefficients of Π (root − x)."""
-    return (-1.0) ** roots.size * chebyshev.chebfromroots(roots)

@@ -221,3 +221,18 @@ def test_modes_are_the_same_on_another_axis_and_scale():
     assert moved.axis.eigenvalue(moved.poles) == pytest.approx(model.axis.eigenvalue(model.poles), rel=1e-12)
     bare = [replace(one, background=np.zeros(1, complex)) for one in (model, moved)]
     assert bare[1].admittance(omega) == pytest.approx(bare[0].admittance(omega), rel=1e-12)
+
+
+def test_all_zeros_of_many_poles_are_found():
+    """24 broad poles that crowd at one end, a resonance and ten degrees of background: all 35 zeros, each once."""
+    rng = np.random.default_rng(4)
+    broad = -1 + np.geomspace(1e-3, 0.8, 24) * (1 + 0.7j)
+    poles = np.append(broad, 0.2 + 0.004j)
+    residues = np.append(np.geomspace(1e-3, 0.8, 24) * 0.02 * np.exp(0.3j * rng.standard_normal(24)), 0.003)
+    background = 1.0 / (1 + np.arange(11.0)) ** 4 * np.exp(0.1j * rng.standard_normal(11))
+    model = RationalModel(FrequencyAxis(2e11, 1e11), 1e-9, poles, residues, background)
+    zeros = model.zeros()
+    assert zeros.size == 35
+    apart = np.abs(zeros[:, None] - zeros) + np.eye(35)
+    assert np.min(apart) > 1e-6
+    assert np.max(np.abs(model.charge(zeros) / model.charge_slope(zeros)) / (1e-3 + np.abs(zeros + 1))) < 1e-9
