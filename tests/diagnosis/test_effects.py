@@ -20,7 +20,8 @@ from femu_piezo.errors import InputError
 from femu_piezo.forward.modal import diagonalise
 from femu_piezo.inference import response
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.material.constants import D_FORM
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.material.constants import D_FORM, PiezoConstants
 
 OMEGA = 2 * np.pi * FREQUENCY
 ORDERS = (13, 10, 5)
@@ -102,6 +103,20 @@ def test_circuits_and_effects_of_size_zero_use_the_diagonalised_bare_body(setup,
         count = len(made)
         setup.evaluation.impedance(unknowns, at)
         assert len(made) == count + 1
+
+
+@pytest.mark.parametrize(("drift", "error"), [(0.004, 1e-7), (-0.015, 1e-5)])
+def test_drift_is_that_of_constants_at_every_frequency(setup, drift, error):
+    """Z of a drift, by a few values of d, against a solution with the constants of each frequency."""
+    z = setup.evaluation.impedance(*setup.with_effects({"temperature_drift": drift}))
+    free = FreeConstants.of(PiezoConstants.from_vector(setup.theta), D_FORM)
+    material = MaterialParameters.around(free, free.start)
+    unknowns, compliance = Unknowns(material, material_prior(free, {}, {})), np.arange(10) < 5
+    for k, f in enumerate(FREQUENCY):
+        w = 1 + drift * (f - FUNDAMENTAL) / (BAND[1] - BAND[0])
+        here = replace(setup.evaluation, omega=setup.evaluation.omega[[k]])
+        x = material.x_of(free.start / np.where(compliance, w**2, 1))
+        assert z[k] == pytest.approx(here.impedance(unknowns, x)[0], rel=error)
 
 
 @pytest.fixture(scope="module")

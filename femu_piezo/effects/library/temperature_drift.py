@@ -6,7 +6,7 @@ so that p is the share by which resonances rise from the beginning of the sweep 
 constants keep their values in the first sweep of a specimen; in each further sweep they have another level, a parameter
 that adds to w. A body with compliances s/w² behaves as one with s, d w and ε at frequencies lower by the factor w:
 
-    Z'(ω) = Z(ω/w; s, d w, ε)/w,    Z a parabola in d through three values.
+    Z'(ω) = Z(ω/w; s, d w, ε)/w,    Z a cubic polynomial in d through values at Chebyshev nodes over the range of w.
 
 All points are assumed to take the same time, and a sweep to go up where nothing is said. p < 0 is a body that grew
 softer. The change of d and ε with temperature is not known and left out.
@@ -15,6 +15,7 @@ softer. The change of d and ε with temperature is not known and left out.
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import BarycentricInterpolator
 
 from femu_piezo.effects.effect import AcquisitionHook, Effect, EffectContext, EffectParameter, Reached
 from femu_piezo.effects.softening import COUPLING
@@ -22,8 +23,10 @@ from femu_piezo.threads import in_parallel
 
 #: Share of the drift that the law misses: the temperature coefficients of d and ε, and warming at no constant rate.
 _LAW_ERROR = 0.1
-#: Relative steps of d and of frequency.
-_SIDE, _STEP = 4e-3, 1e-6
+#: Values of d at which Z is computed, and the least half range of w that they span.
+_NODES, _NARROW = 4, 1e-3
+#: Step of w for the slope of Z'.
+_STEP = 1e-6
 
 
 def _hook(context: EffectContext) -> AcquisitionHook:
@@ -40,14 +43,15 @@ def _hook(context: EffectContext) -> AcquisitionHook:
         w = 1 + weights @ p
 
         # at w, and at w a step larger and smaller, for the slope of Z' in w
-        each, k = np.concatenate([w, w + _STEP, w - _STEP]), omega.size
-        u, z, tangents = (each - 1) / _SIDE, 0.0, 0.0
+        each, k, z, tangents = np.concatenate([w, w + _STEP, w - _STEP]), omega.size, 0.0, 0.0
+        half = max(np.ptp(w) / 2, _NARROW)
+        nodes = (w.min() + w.max()) / 2 + half * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
 
-        def at_coupling(side: float) -> tuple[np.ndarray, np.ndarray]:
-            return inside(np.tile(omega, 3) / each, (COUPLING, np.array([side])), slopes=k)
+        def at_coupling(node: float) -> tuple[np.ndarray, np.ndarray]:
+            return inside(np.tile(omega, 3) / each, (COUPLING, np.array([node - 1])), slopes=k)
 
-        parabola = u * (u - 1) / 2, 1 - u**2, u * (u + 1) / 2
-        for (value, slopes), share in zip(in_parallel(at_coupling, [-_SIDE, 0.0, _SIDE]), parabola, strict=True):
+        every = BarycentricInterpolator(nodes, np.eye(_NODES), rng=0)(each).T
+        for (value, slopes), share in zip(in_parallel(at_coupling, nodes), every, strict=True):
             z, tangents = z + share * value / each, tangents + (share / each)[:k, None] * slopes
         here, ahead, behind = z.reshape(3, k)
         return here, tangents, weights * ((ahead - behind) / (2 * _STEP))[:, None]
