@@ -23,7 +23,8 @@ class Rules:
     significant: float = _rule(
         3.0,
         "a cause is named although the other causes would suffice only where its size differs from zero by at least "
-        "this many of its standard deviations, and of its tolerance",
+        "this many of its standard deviations, and of its tolerance; or where its log odds exceed those of contender, "
+        "and for a single cause to which an unknown error is the alternative those of alike",
     )
     alike: float = _rule(
         3.0,

@@ -242,7 +242,9 @@ class _Search:
         final = self._settled(best)
         while weakest := self._insignificant(final):
             rest = self._finished(self._weighing.hypothesis(self._without(best.fit, weakest)))
-            if rest.log_posterior < best.log_posterior - self._rules.contender:
+            # the alternative to a single cause may be an error that nothing describes: then their odds decide
+            alone = len(best.keys) == 1 and rest.discrepant and not best.discrepant
+            if rest.log_posterior < best.log_posterior - (self._rules.alike if alone else self._rules.contender):
                 break  # the data demand the cause, although its size is uncertain: a damped support's, like its place
             best, final = rest, self._settled(rest)
         for effect in final.parameters.causes:  # before the sum of all posteriors, in which these sets count
