@@ -13,6 +13,8 @@ from femu_piezo.threads import made_once
 
 # Relative size below which a residual is rounding and no evidence
 ROUNDING = 1e-10
+# Relative size of a residual that is finer than any instrument
+UNSEEN = 1e-7
 _ALIKE = 1e-7  # sine of the angle between a column and the span of those before it, below which it depends on them
 _HOPE = 10.0  # bound on the further fall of the misfit, over that of the last step or of the linearised problem
 MAX_DAMPING = 1e6  # damping at which steps are so short that a misfit which they do not lower is at its minimum
@@ -115,10 +117,19 @@ class Fit:
         return 2 * n * np.log(max(misfit, data.negligible) / n) + penalty(k, n) - 2 * data.log_weight
 
     @made_once
+    def is_visible(self) -> bool:
+        """Whether the residual is not negligible, and some instrument could see it.
+
+        More and more modes would follow every digit of a computed curve that is no rational function.
+        """
+        seen = np.mean(np.abs(self.residual / self.data.weight) ** 2) > UNSEEN**2
+        return bool(seen and self.misfit > self.data.negligible)
+
+    @made_once
     def is_correlated(self) -> bool:
-        """Whether neighbouring residuals are correlated beyond chance (1 in 10 000 white ones) and not negligible."""
-        phi, least = correlation(self.residual), max(100 * self.data.rounding, self.data.negligible)
-        return bool(self.misfit > least and abs(phi) ** 2 * self.residual.size > np.log(1e4))
+        """Whether neighbouring residuals are visible and correlated beyond chance (1 in 10 000 white ones)."""
+        phi = correlation(self.residual)
+        return bool(self.is_visible and abs(phi) ** 2 * self.residual.size > np.log(1e4))
 
 
 def penalty(k: int, n: int) -> float:

@@ -225,7 +225,7 @@ def widen(model: RationalModel, extra: int) -> RationalModel:
 def _moves(current: Fit, max_modes: int) -> list[Fit]:
     model, n = current.model, len(current.data)
     out: list[Fit] = []
-    if model.poles.size < max_modes and model.size + 2 < n:
+    if model.poles.size < max_modes and model.size + 2 < n and current.is_visible:
         grown = (_rival(_with_pole(model, z), current) for z in _likely_poles(current))
         out += islice((f for f in grown if is_passive(f.model)), 1)
     for extra in (1, 2, 3):

@@ -26,6 +26,8 @@ Connection = Literal["reflection", "series", "shunt"]
 CONNECTIONS = ("reflection", "series", "shunt")
 #: Median difference of S11 from that of a piece in series or shunt, from which on the connection is not accepted.
 _UNLIKE = 0.2
+#: Noise of S below which no instrument measured it: what is seen is the rounding of the file.
+_COMPUTED = 1e-8
 #: Fewest points from which the noise can be estimated.
 _FEWEST = 8
 
@@ -167,4 +169,6 @@ def _noise(frequency, s, impedance, slope, kind: str, reference: float, source: 
     if frequency.size < _FEWEST:
         return None, words
     sigma = estimate_noise(ImpedanceSpectrum(frequency, s, source=source)).std(s)
+    if np.median(sigma) < _COMPUTED:
+        return None, f"{words}; S has no noise, as in a file that was computed"
     return sigma * slope, f"{words}; the noise of Z is computed from that of S, {np.median(sigma):.1e}"

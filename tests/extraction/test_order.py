@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from femu_piezo.extraction import extract
 from femu_piezo.extraction.fit import NormalisedSweep, refit
 from femu_piezo.extraction.order import _likely_poles, _standing_out, search
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 from .bar import Bar, sweep
 
@@ -46,3 +48,25 @@ def test_an_overtone_above_the_sweep_is_looked_for_where_it_is():
     found = search(data, 10).best.model
     assert found.poles.size == 2
     assert 1 < overtone < found.poles.real.max() < 2 * overtone
+
+
+def test_a_computed_curve_with_a_dispersion_is_extracted_in_few_steps():
+    """The charge of a bar and of a capacitor ∝ (jω)^-0.1, without noise: no function of ω² of few poles; poles and
+    zeros to 1e-6 of their widths, and no search for modes in what no instrument sees.
+    """
+    bar, frequency = Bar(), np.geomspace(1e3, 130e3, 801)
+
+    def charge(omega):
+        return bar.charge(omega) + 3e-10 * (1j * omega / 1e5) ** -0.1
+
+    omega = 2 * np.pi * frequency
+    found = extract(ImpedanceSpectrum(frequency, 1 / (1j * omega * charge(omega))))
+    assert len(found.orders) < 150
+    for n, (pole, zero) in enumerate(zip(found.resonances.poles, found.resonances.zeros, strict=True), 1):
+        root = np.sqrt(bar.zero(n))
+        for _ in range(30):
+            step = 1e-4 * root
+            root -= charge(root) * 2 * step / (charge(root + step) - charge(root - step))
+        for value, truth in ((pole.eigenvalue, bar.pole(n)), (zero.eigenvalue, root**2)):
+            assert abs(value - truth) < 1e-6 * truth.imag
+    assert n == 2

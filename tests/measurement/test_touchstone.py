@@ -167,3 +167,16 @@ def test_a_frequency_that_is_not_finite_is_one_sentence(tmp_path):
     (tmp_path / "x.s1p").write_text("\n".join(["# Hz S RI R 50", *rows]), encoding="utf-8")
     with pytest.raises(InputError, match=r"x\.s1p: a frequency of the file is not a finite number; export"):
         read_spectrum(tmp_path / "x.s1p")
+
+
+@pytest.mark.parametrize("digits", [16, 9])
+def test_a_computed_file_states_no_noise(tmp_path, digits):
+    """The roughness of S is then the rounding of the file, and equal weights serve as for a table without noise."""
+    path = tmp_path / "computed.s1p"
+    rows = (
+        f"{f:.10g} {s.real:.{digits}e} {s.imag:.{digits}e}"
+        for f, s in zip(FREQUENCY, reflection(50.0).ravel(), strict=True)
+    )
+    path.write_text("\n".join(["# Hz S RI R 50", *rows]) + "\n")
+    found = read_spectrum(path)
+    assert found.noise is None and "a file that was computed" in found.notes[0]
