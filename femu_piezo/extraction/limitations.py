@@ -13,6 +13,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
 
 CLIPPED_RUN = 4  # so many equal extreme readings side by side are a clipped peak, not chance
+NOISE_ALONE = 2.0  # ratio of the largest resistances of either sign, over |Z|, up to which both are noise
 BANDS = 20  # equal parts of a sweep, of which the one with the largest misfit is named
 
 
@@ -40,11 +41,20 @@ class Finding:
 
 
 def find_lossless(spectrum: ImpedanceSpectrum) -> list[Finding]:
-    """The finding of a sweep without any resistance, simulated without loss, which no instrument can show."""
-    if np.any(np.abs(spectrum.impedance.real) > 1e-9 * np.abs(spectrum.impedance.imag)):
+    """The finding of a sweep without any resistance, or with none beyond its noise, as a simulation without loss has.
+
+    Of a body with losses the resistance is most of |Z| at a resonance; noise alone is as often negative.
+    """
+    cosine = spectrum.impedance.real / np.abs(spectrum.impedance)
+    largest, resonant = (cosine.max(), -cosine.min()), spectrum.impedance.imag.max() > 0
+    if np.all(np.abs(cosine) <= 1e-9):
+        how = "at all"
+    elif resonant and max(largest) < NOISE_ALONE * min(largest):
+        how = "beyond its noise"
+    else:
         return []
     sentence = (
-        "the sweep has no resistance at all, so its resonances have no width: it is simulated without loss; give the "
+        f"the sweep has no resistance {how}, so its resonances have no width: it is simulated without loss; give the "
         "material loss tangents such as tan_s11 = 0.015"
     )
     return [Finding("lossless", sentence)]

@@ -249,6 +249,9 @@ def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pai
     """The fundamental of the sweep (`femu_piezo.extraction.roots.fundamental`); InputError where there is no pair."""
     found = fundamental(extraction.pairs)
     if found is None:
+        for finding in extraction.findings:
+            if finding.code == "lossless":
+                raise InputError(f"{spectrum.source}: {finding.sentence}")
         reasons = f" ({'; '.join(extraction.notes)})" if extraction.notes else ""
         raise InputError(
             f"{spectrum.source}: no resonance with both its pole and its zero was found between "

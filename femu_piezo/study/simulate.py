@@ -44,8 +44,13 @@ class SimulationResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What to know of the accuracy, as sentences."""
-        return electrode_notes(self.specimen)
+        """What to know of losses and accuracy, as sentences."""
+        without_loss = any(pole.loss == 0 for pole in self.poles)
+        told = (
+            "no loss tangent is given, so the resonances have no width, as those of no measured sweep: give the "
+            "material some, such as tan_s11 = 0.015",
+        )
+        return told * without_loss + electrode_notes(self.specimen)
 
     def to_json(self) -> dict:
         """Contents of simulation.json."""

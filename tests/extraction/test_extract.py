@@ -10,6 +10,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.order import is_passive
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.noise import noisy
 
 from .bar import Bar, sweep
 
@@ -170,3 +171,16 @@ def test_a_start_with_a_pole_of_negative_residue_is_dropped():
     found = extract(ImpedanceSpectrum(frequency, impedance, noise=1e-3 * np.abs(impedance)), start=start)
     assert found.model.poles.size >= 1
     assert is_passive(found.model)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_sweep_without_loss_is_told_so(noise):
+    """With and without noise; a bar of low loss in more noise, on a grid that misses its peaks, is no such sweep."""
+    frequency = np.linspace(20e3, 130e3, 301)
+    bare = Bar(s11=15.84e-12, d31=-293.25e-12, eps33=2422.5 * 8.854e-12)
+    found = extract(ImpedanceSpectrum(frequency, noisy(bare.impedance(frequency), noise, 1)))
+    assert [finding.code for finding in found.findings] == ["lossless"] and not found.resonances.poles
+    fine = 1 - 2e-4j
+    sharp = Bar(s11=15.84e-12 * fine, d31=-293.25e-12 * fine, eps33=2422.5 * 8.854e-12 * fine)
+    found = extract(ImpedanceSpectrum(frequency, noisy(sharp.impedance(frequency), 3e-3, 1)))
+    assert "lossless" not in [finding.code for finding in found.findings]
