@@ -38,6 +38,8 @@ def readings(effects: Sequence[Effect], contexts: dict[str, EffectContext]) -> l
             words = f"measure the {dimension}{_whose(effect)} with a micrometer, to 0.1 %"
             found.append((words, {key: np.array([1 / _MICROMETER])}))
     for name, context in contexts.items():
+        if context.density_from_mass:  # it was weighed, and what it weighs says nothing of its dimensions
+            continue
         of_specimen = [effect for effect in effects if effect.owner == name]
         slopes = {(effect.name, name): slope for effect in of_specimen if (slope := _mass(effect, context)) is not None}
         if slopes:

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.conftest import FREQUENCY, SIZE
+from diagnosis.conftest import AXES, DENSITY, FREQUENCY, SIZE
 from femu_piezo.diagnosis.next_measurement import Plan, Point, Remembered, Separation, separation, strength, summary
 from femu_piezo.diagnosis.readings import readings
 from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.library import library
 from femu_piezo.inference.ensemble import with_owner
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
@@ -163,6 +164,14 @@ def test_readings_add_what_they_measure(setup, low):
     assert separation(plan, *both) == pytest.approx(4.0, rel=1e-3)
     # the balance cannot separate width and film, which may weigh the same
     assert separation(replace(dull, readings=weighed), *both) < 0.1
+
+
+def test_a_weighed_piece_is_not_to_be_weighed(setup):
+    """Its mass is known; its dimensions are measured all the same."""
+    constants = setup.material.constants(setup.x)
+    context = EffectContext(117e3, (), constants, AXES, DENSITY, SIZE[2], 2e3, SIZE, density_from_mass=True)
+    words = dict(readings([effect for effect in library(context) if effect.resizes], {"": context}))
+    assert words and not any("weigh" in one for one in words)
 
 
 def test_recommendation_carries_the_figures():
