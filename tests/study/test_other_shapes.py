@@ -17,6 +17,9 @@ from femu_piezo.inference.starts.thin_body import disk_permittivity, disk_start
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.beginning import begin
+from femu_piezo.study.measured import measure
+from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.starts import has_uniform_field, pair_names, solid_disk_radius
 from femu_piezo.study.update import update
 from tests.specimens import material
@@ -122,3 +125,21 @@ def test_update_of_a_partly_covered_trapezoid(tmp_path, truth):
         ("eps33T", 2e-3),
     ):  # the edge of the electrode makes an error of some 1e-4 in λ
         assert result.parameters[name].value == pytest.approx(getattr(truth, name).real, rel=limit), name
+
+
+def test_start_of_a_sweep_that_no_stable_material_has(tmp_path, truth):
+    """A thin disk (Bessel functions) in series with half of its capacitance: a fit of the constants alone ends at the
+    wall of the stable materials. The start lies inside, since no basis follows hardly stable constants.
+    """
+    frequency, radius = np.linspace(20e3, 220e3, 301), 10e-3
+    y = thin_disk_admittance(truth, DENSITY, radius, 1e-3, frequency)
+    gap = 0.5 * truth.eps33T.real * np.pi * radius**2 / 1e-3
+    write_spectrum(ImpedanceSpectrum(frequency, 1 / y + 1 / (2j * np.pi * frequency * gap)), tmp_path / "z.csv")
+    free = ("s11", "s12", "d31", "eps33T")
+    lines = ['name = "disk"', "[geometry]", 'shape = "disk"', f"diameter = {2 * radius}", "thickness = 1e-3"]
+    lines += ['poling = "thickness"', f"density = {DENSITY}", material(truth, free, {}, free)]
+    path = tmp_path / "disk.toml"
+    path.write_text("\n".join([*lines, "[measurement]", 'file = "z.csv"']), encoding="utf-8")
+    found = begin([measure(read_specimen(path))], Bases()).constants
+    least = [[np.linalg.eigvalsh(one.energy_block(block))[0] for block in (0, 1)] for one in (found, truth)]
+    assert np.all(np.array(least[0]) >= 0.1 * np.array(least[1]))
