@@ -15,7 +15,7 @@ from femu_piezo.extraction.order import Candidate
 from femu_piezo.extraction.roots import Pair, fundamental
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance, ResonanceSet
-from femu_piezo.standards.figures import StandardFigures, read_curve, standard_figures
+from femu_piezo.standards.figures import STATED, StandardFigures, read_curve, standard_figures
 from femu_piezo.standards.piece import Piece
 from femu_piezo.threads import made_once
 
@@ -70,7 +70,17 @@ class Extraction:
         piece = Piece("other", 1.0, None, None, 1.0)
         points = (self.spectrum.frequency, self.spectrum.impedance)
         reading = read_curve(self.model.admittance, points, pair.pole, pair.zero, piece)
-        return standard_figures(piece, reading, pair.pole, pair.zero)
+        relative = self._noise / np.abs(self.spectrum.impedance)
+        noise = float(np.interp(STATED, self.spectrum.frequency, relative))
+        return standard_figures(piece, reading, pair.pole, pair.zero, noise=noise)
+
+    @property
+    def _noise(self) -> np.ndarray:
+        """(n,) standard deviation of Z, ohm: that of the file, or as it was learned; 0 where neither is known."""
+        z = self.spectrum.impedance
+        if self.spectrum.noise is not None:
+            return self.spectrum.noise
+        return np.zeros(z.size) if self.noise is None else self.noise.std(z)
 
     @property
     def status(self) -> str:

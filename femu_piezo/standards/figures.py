@@ -211,6 +211,7 @@ def standard_figures(
     zero: Resonance,
     model: CurveFigures | None = None,
     constants: PiezoConstants | None = None,
+    noise: float = 0.0,
 ) -> StandardFigures:
     """The figures of a sweep together with those of a finite element model.
 
@@ -219,9 +220,10 @@ def standard_figures(
     measured, model : of the measured and of the computed curve; None where there is no computed one
     pole, zero : measured; the frequencies have their standard deviations, to first order in the loss
     constants : of the material, from which the curve of the model was computed
+    noise : relative standard deviation of Z, sqrt(E|δZ/Z|²), where capacitance and loss tangent are read
     """
     material = {} if constants is None else material_figures(constants)
-    deviations = _deviations(measured, pole, zero)
+    deviations = _deviations(measured, pole, zero, noise)
     names = [*measured.values, *(name for name in (model.values if model else {}) if name not in measured.values)]
     by_formula = set(piece.figures(1.0, 1.2, 1.0)) if piece.kind != "other" else set()
     figures = []
@@ -237,9 +239,14 @@ def standard_figures(
     return StandardFigures(WORDS[piece.kind], tuple(figures), piece.aspect, measured.notes)
 
 
-def _deviations(measured: CurveFigures, pole: Resonance, zero: Resonance) -> dict[str, float]:
-    """Standard deviations of the frequencies and of 1/η, from those of pole and zero."""
-    found = {}
+def _deviations(measured: CurveFigures, pole: Resonance, zero: Resonance, noise: float) -> dict[str, float]:
+    """Standard deviations: of frequencies and 1/η from those of pole and zero; of C, ε33T and tan δ from the noise."""
+    found = {
+        name: abs(measured.values[name]) * noise / np.sqrt(2) for name in ("C_T", "eps33T") if name in measured.values
+    }
+    if "tan_delta" in measured.values:
+        found["tan_delta"] = noise / np.sqrt(2)
+    found = {name: std for name, std in found.items() if std > 0}
     for one, names, quality in ((pole, ("fs", "fm", "fr"), "Qm_pole"), (zero, ("fp", "fn", "fa"), "Qm_zero")):
         if one.std_Hz is not None:
             found |= {name: one.std_Hz for name in names if name in measured.values}

@@ -23,6 +23,7 @@ from femu_piezo.standards.frequencies import characteristic_frequencies
 from femu_piezo.standards.piece import Piece, material_figures
 from tests import k31_bar
 from tests.commands import invoked
+from tests.noise import noisy
 
 TAN = 1 - 1e-3j
 RHO = 7600.0
@@ -283,3 +284,18 @@ def test_a_sweep_without_resonance_is_told():
     )
     with pytest.raises(fp.InputError, match="no pole with its zero"):
         fp.standard_figures(flat)
+
+
+def test_deviations_of_capacitance_and_loss_cover_the_truth():
+    """40 sweeps of a bar with 0.2 % of noise: errors over deviations have an rms of 0.8 to 1.2."""
+    frequency = np.r_[np.linspace(800, 1200, 9), np.linspace(40e3, 60e3, 300)]
+    bar = (LENGTH, AREA / LENGTH, GAP), RHO, S11, D31, EPS33
+    clean = k31_bar.impedance(2 * np.pi * frequency, *bar)
+    exact = extract(ImpedanceSpectrum(frequency, clean)).figures
+    away = []
+    for seed in range(40):
+        found = extract(ImpedanceSpectrum(frequency, noisy(clean, 2e-3, seed))).figures
+        for name in ("C_T", "tan_delta"):
+            one, truth = (next(f for f in figures.figures if f.name == name) for figures in (found, exact))
+            away.append((one.value - truth.value) / one.std)
+    assert 0.8 < np.sqrt(np.mean(np.square(away))) < 1.2
