@@ -1,4 +1,4 @@
-"""Quantities as people write them ("40 mm", "3400 eps0") to plain SI numbers.
+"""Quantities as people write them ("40 mm", "3400 eps0") to plain SI numbers, and numbers as tables show them.
 
 Only units that occur in specimen files are known. Their registry has no offset units, and is loaded only when a string
 has a unit that is not in `USUAL`.
@@ -227,6 +227,32 @@ def shown(value: object) -> str:
         return f"an integer of {value.bit_length()} bits"
     text = f'"{value}"' if isinstance(value, str) and value.isprintable() else repr(value)
     return text if len(text) <= 60 else text[:57] + "…"
+
+
+def number(value: float, std: float | None) -> str:
+    """Value ± standard deviation, to the second digit of the deviation; the value alone, to eight digits, where the
+    deviation is below 1e-7 of it, and to six where there is none. A value that is rounded to zero has no sign."""
+    if std is None or not std > 0:
+        return f"{value:z.6g}"
+    if std < 1e-7 * abs(value):
+        return f"{value:.8g}"
+    digits = decimals(std)
+    return f"{value:z.{digits}f} ± {std:.{digits}f}"
+
+
+def decimals(std: float) -> int:
+    """Decimals of a value down to the second digit of its deviation."""
+    return max(0, -int(f"{std:.1e}".split("e")[1]) + 1)
+
+
+def signed(value: float, form: str) -> str:
+    """A difference with its sign, in a format such as ".2f"; without one where it is rounded to zero.
+
+    >>> signed(0.0123, ".2f"), signed(-0.004, ".2f")
+    ('+0.01', '0.00')
+    """
+    text = f"{value:z{form}}"
+    return text if text.startswith("-") or not float(text) else f"+{text}"
 
 
 #: °C that a specimen may have, and 0 °C in K.

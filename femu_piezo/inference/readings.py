@@ -22,6 +22,7 @@ from femu_piezo.inference.ensemble import Share
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import D_FORM, E_FORM
+from femu_piezo.units import signed
 
 #: Where a capacitance is read, rad/s; circuits nearer to the body than this place belong to the specimen.
 _KILOHERTZ, _FIXTURE = 2 * np.pi * np.array([1e3]), 1.0
@@ -169,6 +170,6 @@ def reading_words(fit: Fit | None) -> Sequence[str]:
     rows = read_beside(fit) if fit is not None else {}
     return [
         f"reading: {name} {one['value']:.5g} ± {one['std']:.2g} {one['unit']}, fitted {one['fitted']:.5g} "
-        f"({one['sigma']:+.1f} σ)"
+        f"({signed(float(one['sigma']), '.1f')} σ)"
         for name, one in rows.items()
     ]

@@ -26,6 +26,7 @@ from femu_piezo.study.adaptive import Adapted, State, Wish, adapt, joined, merge
 from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.planning import OPPOSITE, THIRD
 from femu_piezo.study.progress import Progress
+from femu_piezo.units import signed
 
 #: Most points of one sweep of the analyser; a crash during a sweep loses no more.
 _BLOCK = 32
@@ -218,7 +219,7 @@ def state_words(state: State) -> str:
     words += ", ".join(parts)
     if state.rivals is not None:
         two = state.rivals
-        words += f"; log odds of {two.first} over {two.second} {two.log_odds:+.1f}"
+        words += f"; log odds of {two.first} over {two.second} {signed(two.log_odds, '.1f')}"
     if state.departures:
         words += "; the sweep departs from the model near " + ", ".join(
             f"{one / 1e3:.4g} kHz" for one in state.departures

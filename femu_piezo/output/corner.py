@@ -9,7 +9,7 @@ from femu_piezo.inference.sampling import Samples
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.output.curves import PRINTED, UPDATED
 from femu_piezo.output.picture import Picture
-from femu_piezo.output.tables import number
+from femu_piezo.units import number
 
 #: Points of a drawn Gaussian.
 _POINTS = 120

@@ -13,10 +13,11 @@ from matplotlib.lines import Line2D
 
 from femu_piezo.output.curves import MEASURED, PRINTED, UPDATED, draw_impedance, frequency_axis
 from femu_piezo.output.picture import Picture
-from femu_piezo.output.tables import deviation_percent, figure_words, number
+from femu_piezo.output.tables import deviation_percent, figure_words
 from femu_piezo.specimen.geometry import LENGTHS
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.results import Outcome, UpdateResult
+from femu_piezo.units import number
 
 _A4 = (8.27, 11.69)
 _DARK, _ACCENT = "#222222", "#c0392b"

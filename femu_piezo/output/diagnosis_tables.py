@@ -9,10 +9,11 @@ from femu_piezo.diagnosis.comparison import Trial
 from femu_piezo.inference.readings import reading_words
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer
-from femu_piezo.output.tables import interval_text, note_lines, number, text_of
+from femu_piezo.output.tables import interval_text, note_lines, text_of
 from femu_piezo.output.wording import alike_words, names_of, percent, quantity, sizes, spoken, with_article
 from femu_piezo.study.diagnose import Diagnosis
 from femu_piezo.study.pole_zero_residuals import Difference
+from femu_piezo.units import number, signed
 
 #: Candidates, and recommended measurements, that are shown.
 _CANDIDATES, _MEASUREMENTS = 8, 5
@@ -56,7 +57,7 @@ def _candidate_table(result: Diagnosis) -> Table:
     base = result.comparison.base
     table.add_row("none", "0", f"{base.held_out.rms:.3g}", "")
     for trial in ranked(result)[:_CANDIDATES]:
-        row = (trial.effect.key, f"{trial.log_odds:+.1f}", f"{trial.fit.held_out.rms:.3g}", fitted_sizes(trial))
+        row = (trial.effect.key, signed(trial.log_odds, ".1f"), f"{trial.fit.held_out.rms:.3g}", fitted_sizes(trial))
         table.add_row(*row)
     return table
 
@@ -115,5 +116,6 @@ def difference(one: Difference, what: str) -> str:
     if found is None:
         return "not there" if one.model is None and what == "frequency" else ""
     share, sigma = found
-    size = f"{1e4 * share:+.0f} ppm" if abs(share) < 0.1 and what == "frequency" else f"{share:+.2f} %"
-    return size if sigma is None else f"{size} ({sigma:+.1f} σ)"
+    small = abs(share) < 0.1 and what == "frequency"
+    size = f"{signed(1e4 * share, '.0f')} ppm" if small else f"{signed(share, '.2f')} %"
+    return size if sigma is None else f"{size} ({signed(sigma, '.1f')} σ)"

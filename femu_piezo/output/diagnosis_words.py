@@ -26,6 +26,7 @@ from femu_piezo.output.wording import (
     with_article,
 )
 from femu_piezo.study.diagnose import Diagnosis, LinearBody
+from femu_piezo.units import signed
 
 #: Shift of a constant, in standard deviations, above which it is reported.
 _MOVED = 3.0
@@ -305,7 +306,7 @@ def _best_candidate(result: Diagnosis) -> str:
         )
     return (
         f"{len(candidates)} candidate effects were tried; the most probable of them, {spoken(best.effect)}, "
-        f"{reason}: its log odds against no effect are {best.log_odds:+.1f}."
+        f"{reason}: its log odds against no effect are {signed(best.log_odds, '.1f')}."
     )
 
 

@@ -15,10 +15,11 @@ from femu_piezo.output.report import Cell, Section, notes, paragraph, provenance
 from femu_piezo.output.report_diagnosis_charts import curve_charts, models, residual_charts
 from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import fundamental_picture
-from femu_piezo.output.tables import interval_text, number
+from femu_piezo.output.tables import interval_text
 from femu_piezo.output.wording import listed, spoken
 from femu_piezo.study.diagnose import Diagnosis, extended_specimen
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals
+from femu_piezo.units import number, signed
 
 #: Separation in σ beyond which a figure has no meaning.
 _FAR = 100
@@ -137,7 +138,7 @@ def _constants(result: Diagnosis) -> str:
                 text = number(value * scale, None if sigma is None else sigma * scale)
                 cells.append(Cell(text, f"parameters.{when}.{name}.{part}", value))
             shift = moved[label]
-            bias = f"{shift.percent:+.3g} % ({shift.sigma:.2g} σ)" if result.verdict.extension else ""
+            bias = f"{signed(shift.percent, '.3g')} % ({shift.sigma:.2g} σ)" if result.verdict.extension else ""
             ends = getattr(new, "interval" if part == "value" else "tan_interval")
             rows.append((label, words, *cells, bias, interval_text(*(scale * end for end in ends))))
     words = (
@@ -164,7 +165,7 @@ def _candidates(result: Diagnosis) -> str:
         rows.append(
             (
                 spoken(trial.effect),
-                f"{trial.log_odds:+.1f}",
+                signed(trial.log_odds, ".1f"),
                 f"{trial.fit.chi_square:.5g}",
                 f"{trial.fit.held_out.rms:.3g}",
                 fitted_sizes(trial),

@@ -25,10 +25,10 @@ from femu_piezo.output.report import (
 from femu_piezo.output.report_curves import curve_charts, sensitivity_chart
 from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import mode_section
-from femu_piezo.output.tables import number
 from femu_piezo.output.temperature_chart import temperature_figure
 from femu_piezo.specimen.geometry import Geometry
 from femu_piezo.study.results import Outcome, UpdateResult
+from femu_piezo.units import number, signed
 
 #: What each constant is, for readers who do not have the notation by heart.
 MEANING = {
@@ -159,7 +159,7 @@ def _parameters(result: UpdateResult) -> str:
                 f"{before * factor:.6g}",
                 Cell(number(estimate.value * factor, std), f"{key}.value", estimate.value),
                 Cell(_interval(estimate.value, estimate.std, factor), f"{key}.std", estimate.std),
-                f"{100 * (estimate.value / before - 1):+.2f} %" if before else "",
+                f"{signed(100 * (estimate.value / before - 1), '.2f')} %" if before else "",
             )
         )
         tangents.append(
@@ -218,10 +218,10 @@ def _resonances(outcome: Outcome, index: int) -> str:
                 data.kind,
                 Cell(number(data.frequency_Hz, data.std_Hz), f"{key}.measured.frequency_Hz", data.frequency_Hz),
                 Cell(f"{model.frequency_Hz:.2f}", f"{key}.model.frequency_Hz", model.frequency_Hz),
-                f"{1e6 * difference / data.frequency_Hz:+.1f} ppm{_in_sigma(difference, data.std_Hz)}",
+                f"{signed(1e6 * difference / data.frequency_Hz, '.1f')} ppm{_in_sigma(difference, data.std_Hz)}",
                 Cell(number(data.loss, data.std_loss), f"{key}.measured.loss", data.loss),
                 Cell(f"{model.loss:.6f}", f"{key}.model.loss", model.loss),
-                f"{100 * loss / data.loss:+.2f} %{_in_sigma(loss, data.std_loss)}",
+                f"{signed(100 * loss / data.loss, '.2f')} %{_in_sigma(loss, data.std_loss)}",
                 f"{data.quality_factor:.4g}",
             )
         )
@@ -236,7 +236,7 @@ def _resonances(outcome: Outcome, index: int) -> str:
 
 
 def _in_sigma(difference: float, std: float | None) -> str:
-    return "" if not std else f" ({difference / std:+.2g} σ)"
+    return "" if not std else f" ({signed(difference / std, '.2g')} σ)"
 
 
 def _identifiability(result: UpdateResult) -> str:
@@ -259,7 +259,7 @@ def _identifiability(result: UpdateResult) -> str:
         parts.append(table(headings, rows, caption, "words"))
         parts += [paragraph(f"Least known combination: {sentence}.") for sentence in known.weakest(1)]
         parts += [
-            paragraph(f"The errors of {first} and {second} are strongly correlated ({value:+.3f}).")
+            paragraph(f"The errors of {first} and {second} are strongly correlated ({signed(value, '.3f')}).")
             for first, second, value in known.confounded()
         ]
     return "".join(parts) + _held_fixed(result)

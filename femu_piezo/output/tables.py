@@ -16,6 +16,7 @@ from femu_piezo.inference.readings import reading_words
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import EPS0
 from femu_piezo.output.curves import PRINTED
+from femu_piezo.units import decimals, number, signed
 
 if TYPE_CHECKING:
     from femu_piezo.extraction import Extraction
@@ -59,27 +60,11 @@ _WIDTH = 110
 _HTML = '<pre style="font-family: monospace; line-height: 1.2; white-space: pre">{code}</pre>'
 
 
-def number(value: float, std: float | None) -> str:
-    """Value ± standard deviation, to the second digit of the deviation; the value alone, to eight digits, where the
-    deviation is below 1e-7 of it, and to six where there is none."""
-    if std is None or not std > 0:
-        return f"{value:.6g}"
-    if std < 1e-7 * abs(value):
-        return f"{value:.8g}"
-    digits = _decimals(std)
-    return f"{value:.{digits}f} ± {std:.{digits}f}"
-
-
 def interval_text(low: float, high: float) -> str:
     """The ends of an interval of 95 %, to the second digit of a quarter of its length."""
     size = max((high - low) / 4, 1e-7 * max(abs(low), abs(high)))
-    digits = _decimals(size) if size > 0 else 6
-    return f"{low:.{digits}f} to {high:.{digits}f}"
-
-
-def _decimals(std: float) -> int:
-    """Decimals of a value down to the second digit of its deviation."""
-    return max(0, -int(f"{std:.1e}".split("e")[1]) + 1)
+    digits = decimals(size) if size > 0 else 6
+    return f"{low:z.{digits}f} to {high:z.{digits}f}"
 
 
 def update_table(result: UpdateResult) -> RenderableType:
@@ -328,7 +313,7 @@ def _study_lines(settings: Sequence[Setting]) -> list[str]:
             stated = float(np.median(one.stated[:, index]))
             parts.append(
                 f"{label} {100 * one.deviation[index] / size:.2g} % (stated {100 * stated / size:.2g} %, bias "
-                f"{one.bias[index]:+.1f} σ of the mean)"
+                f"{signed(one.bias[index], '.1f')} σ of the mean)"
             )
         lost = f", {one.lost} fits did not converge" if one.lost else ""
         inside = " and ".join(f"{100 * np.mean(one.inside(sigma)):.0f} %" for sigma in (1, 2))

@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 
 from femu_piezo.output.curves import GRID, PRINTED, UPDATED
 from femu_piezo.output.picture import Picture
-from femu_piezo.output.tables import number
 from femu_piezo.study.temperature import TemperatureSeries
+from femu_piezo.units import number
 
 #: Points of a drawn line.
 _POINTS = 61

@@ -19,6 +19,7 @@ from femu_piezo.store.control import FEWEST, Control, controls
 from femu_piezo.store.database import Database
 from femu_piezo.store.figure import lots_figure
 from femu_piezo.store.read import STORE_COLUMNS, read_pieces
+from femu_piezo.units import signed
 
 #: Drift, scatter and differences of lots are printed in % of the mean.
 _PERCENT = 100.0
@@ -133,7 +134,7 @@ def _difference(control: Control, lot: str) -> str:
         return "-"
     index = means.lots.index(lot)
     to_percent = _PERCENT / abs(means.centre)
-    difference = f"{to_percent * (means.mean[index] - means.centre):+.2f}"
+    difference = signed(to_percent * (means.mean[index] - means.centre), ".2f")
     if means.within is None:
         return difference
     mark = "*" if index in means.beyond else ""

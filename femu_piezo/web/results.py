@@ -12,7 +12,8 @@ from femu_piezo.files import read_json
 from femu_piezo.measurement.checks import check_spectrum
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.tables import interval_text, number
+from femu_piezo.output.tables import interval_text
+from femu_piezo.units import number
 from femu_piezo.web.charts import Curve
 
 _LARGEST = 300_000_000

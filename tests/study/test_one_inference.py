@@ -9,8 +9,8 @@ import femu_piezo as fp
 from femu_piezo.effects.library import circuits
 from femu_piezo.inference.walls import Walls
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.output.tables import number
 from femu_piezo.specimen.file import Specimen, read_specimen
+from femu_piezo.units import number
 from tests.noise import noisy_sweep
 from tests.variants import variants
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from femu_piezo import units
 from femu_piezo.errors import InputError
-from femu_piezo.units import EPS0, parse_quantity
+from femu_piezo.units import EPS0, number, parse_quantity, signed
 
 NUMBERS = st.floats(min_value=-1e12, max_value=1e12, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 1e-12)
 
@@ -115,3 +115,22 @@ def test_plain_numbers_and_usual_units_do_not_load_the_units_library() -> None:
         "assert 'pint' not in sys.modules; parse_quantity('2 in', 'm', ''); assert 'pint' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (-0.004, 12.0, "0 ± 12"),
+        (-1e-9, 0.005, "0.0000 ± 0.0050"),
+        (-0.0, None, "0"),
+        (-0.0123, 0.0004, "-0.01230 ± 0.00040"),
+        (3400.0, None, "3400"),
+    ],
+)
+def test_a_number_that_is_rounded_to_zero_has_no_sign(value, std, text):
+    assert number(value, std) == text
+
+
+def test_a_difference_has_a_sign_unless_it_is_rounded_to_zero():
+    assert [signed(x, ".0f") for x in (-0.3, 0.0, 0.3, 0.6, -2.0)] == ["0", "0", "0", "+1", "-2"]
+    assert signed(-0.004, ".2f") == "0.00" and signed(2.2e-5, ".2g") == "+2.2e-05"

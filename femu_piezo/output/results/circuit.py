@@ -19,7 +19,8 @@ from femu_piezo.output.curves import GRID, MEASURED, UPDATED, draw_impedance, fr
 from femu_piezo.output.folder import prepare_folder, write_figure, write_json
 from femu_piezo.output.picture import Picture
 from femu_piezo.output.results.result import Result
-from femu_piezo.output.tables import note_lines, number, text_of
+from femu_piezo.output.tables import note_lines, text_of
+from femu_piezo.units import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,7 +7,7 @@ from pathlib import Path
 from nicegui import ui
 
 from femu_piezo.output.tables import figure_scale
-from femu_piezo.output.tables import number as printed
+from femu_piezo.units import number as printed
 from femu_piezo.web.site import Site
 
 

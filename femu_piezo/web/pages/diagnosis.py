@@ -9,6 +9,7 @@ from nicegui import ui
 
 from femu_piezo.errors import InputError
 from femu_piezo.specimen.file import read_specimen, write_specimen
+from femu_piezo.units import signed
 from femu_piezo.web import charts, results
 from femu_piezo.web.pages.common import chart, framed, notes, report_links
 from femu_piezo.web.pages.update import unsaved
@@ -140,7 +141,7 @@ class _Diagnosis:
         for one in found["candidates"][:_MOST]:
             sizes = ", ".join(f"{key} {_size(value)}" for key, value in (one.get("parameters") or {}).items())
             evidence = one.get("evidence")
-            rows.append((one["effect"].replace("_", " "), "-" if evidence is None else f"{evidence:+.1f}", sizes))
+            rows.append((one["effect"].replace("_", " "), "-" if evidence is None else signed(evidence, ".1f"), sizes))
         with ui.expansion("Candidates, each alone").classes("w-full border rounded"):
             table(("candidate", "log odds over none", "size"), rows, "candidates").props("wrap-cells")
 
