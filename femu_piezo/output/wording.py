@@ -1,4 +1,4 @@
-"""Readable pieces of sentences: quantities with prefixes, lists, bands of frequency, names of effects."""
+"""Readable pieces of sentences: sizes of effects, lists, bands of frequency, names of effects."""
 
 from __future__ import annotations
 
@@ -7,13 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from femu_piezo.diagnosis.verdict import Cause
-from femu_piezo.effects.effect import Effect, EffectParameter
+from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.words import quantity
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.tables import number
-
-_SHARES = {"relative_error", "fall_per_decade"}  # pure numbers that are read as per cent
-_UNITS = {"ohm": ("Ω", 1.0), "kg": ("g", 1e3), "kg/m^2": ("g/m²", 1e3), "1": ("", 1.0)}
-_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
 def plain(title: str) -> str:
@@ -56,19 +52,6 @@ def alike_words(titles: Sequence[str]) -> list[str]:
             f"a change of the free constants, mainly {listed(constants)}, has nearly the same effect on this sweep"
         )
     return words
-
-
-def quantity(parameter: EffectParameter, value: float, std: float | None) -> str:
-    """A parameter of an effect with its deviation, in a readable unit."""
-    if parameter.unit == "1" and (parameter.name in _SHARES or parameter.name in PRINTED):
-        return f"{number(100 * value, None if std is None else 100 * std)} %"
-    unit, factor = _UNITS.get(parameter.unit, (parameter.unit.replace("^2", "²"), 1.0))
-    if unit:
-        size = factor * max(abs(value), std or 0.0)
-        power = int(np.clip(3 * np.floor(np.log10(size) / 3), -12, 9)) if size > 0 else 0
-        unit, factor = _PREFIXES[power] + unit, factor * 10.0**-power
-    text = number(factor * value, None if std is None else factor * std)
-    return f"({text}) {unit}" if unit and "±" in text else f"{text} {unit}".strip()
 
 
 def sizes(effect: Effect, values: np.ndarray, std: np.ndarray) -> str:

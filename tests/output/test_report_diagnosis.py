@@ -20,6 +20,7 @@ from femu_piezo.diagnosis.averaging import Averaged
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.effects.effect import EffectParameter
 from femu_piezo.effects.library import circuits, losses
+from femu_piezo.effects.words import quantity
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import EPS0
 from femu_piezo.measurement.discrepancy import Discrepancy
@@ -28,7 +29,7 @@ from femu_piezo.output.diagnosis_words import _best_candidate, _form, _likely, w
 from femu_piezo.output.folder import prepare_folder, write_json
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
 from femu_piezo.output.tables import interval_text
-from femu_piezo.output.wording import band, listed, merged, quantity
+from femu_piezo.output.wording import band, listed, merged
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import LinearBody, diagnose
 from tests.commands import succeeded
@@ -360,6 +361,16 @@ def test_runs_in_a_browser_and_the_mouse_zooms(effect, tmp_path):
         ("exponent", "1", 0.5, 0.02, "0.500 ± 0.020"),
         ("mass_per_area", "kg/m^2", 0.02, 0.001, "(20.0 ± 1.0) g/m²"),
         ("resistance", "ohm", 0.0, None, "0 Ω"),
+        ("relative_error", "1", 0.02, None, "2 %"),
+        ("capacitance", "F", 9.5e-10, None, "950 pF"),
+        ("stiffness", "N/m", 9.1e5, None, "910 kN/m"),
+        ("added_mass", "kg", 2e-6, 1e-7, "(2.00 ± 0.10) mg"),
+        ("shear_load", "kg/(m^2 s^0.5)", -1e-4, 0.518, "(0.00 ± 0.52) kg/(m² s^0.5)"),
+        ("radiation", "kg/(m^2 s)", 2e3, 58e3, "(2 ± 58)·10³ kg/(m² s)"),
+        ("inverse_capacitance", "1/F", 1.08e5, None, "108·10³ 1/F"),
+        ("square_slowness", "s^2/m^2", 1e-7, 7e-8, "(100 ± 70)·10⁻⁹ s²/m²"),
+        ("volume", "m^3", 2e-10, None, "200·10⁻¹² m³"),
+        ("rate", "Hz/s", -1230.0, 20.0, "(-1.230 ± 0.020) kHz/s"),
     ],
 )
 def test_quantities_are_readable(name, unit, value, std, text):
