@@ -16,7 +16,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.effect import Effect, EffectParameter
+from femu_piezo.effects.words import usual_size
 from femu_piezo.inference.ensemble import Ensemble, is_common, with_default_owner
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
@@ -137,16 +138,33 @@ class Separation:
     ----------
     measurement : in words
     cause, other : title of the cause, and title of another effect or name of a constant
-    size : in words, the size of `cause` that the separation holds for, where the verdict does not name it; else ""
+    parameter : whose usual size the separation holds for; None where the verdict names the size of `cause`
     now, expected : separation in σ with the present data and with those of the plan
     """
 
     measurement: str
     cause: str
     other: str
-    size: str
+    parameter: EffectParameter | None
     now: float
     expected: float
+
+    @property
+    def size(self) -> str:
+        """The usual size of `parameter` in words; "" without one."""
+        return "" if self.parameter is None else usual_size(self.parameter)
+
+    def to_json(self) -> dict[str, str | float]:
+        """An item of "separations" in diagnosis.json; its size is in SI units."""
+        one = self.parameter
+        return {
+            "measurement": self.measurement,
+            "cause": self.cause,
+            "other": self.other,
+            "size": "" if one is None else f"{one.usual:.2g}{one.after_number}",
+            "now": self.now,
+            "expected": self.expected,
+        }
 
 
 def summary(planned: Sequence[Separation]) -> str:

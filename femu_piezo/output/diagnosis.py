@@ -42,7 +42,7 @@ def diagnosis_record(result: Diagnosis) -> dict:
             for sweep in result.sweeps
         ],
         "recommended_measurements": list(verdict.measurements),
-        "separations": [asdict(one) for one in result.separations],
+        "separations": [one.to_json() for one in result.separations],
         "remaining": {
             "before": _remaining(verdict.before),
             "after": _remaining(verdict.after),

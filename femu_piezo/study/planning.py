@@ -74,7 +74,7 @@ def separations(
     for pair in pairs:
         (_, present), *own = [(plan, sigma) for (of, plan), sigma in zip(asked, sigmas, strict=True) if of is pair]
         told = [
-            Separation(plan.words, pair.cause, pair.other, pair.size, present, sigma)
+            Separation(plan.words, pair.cause, pair.other, pair.usual, present, sigma)
             for plan, sigma in own
             if sigma >= max(_TELLS, _MORE * present)
         ]
@@ -112,17 +112,19 @@ def _ranked(planned: Sequence[Separation]) -> list[str]:
 class _Pair:
     """Two causes, or an effect and a constant, that are not told apart."""
 
-    def __init__(self, cause: Effect, first: Point, other: Effect | str, second: Point | None, size: float, words: str):
+    def __init__(self, cause: Effect, first: Point, other: Effect | str, second: Point | None, size: float | None):
+        """size : of the cause, SI; its usual size where None."""
         self.effects = [cause] if isinstance(other, str) else [cause, other]
         self.cause, self.other = cause.title, other if isinstance(other, str) else other.title
-        self.size = words
-        self._first, self._second, self._value = first, second, size
+        self.usual = cause.parameters[0] if size is None else None
+        self._first, self._second = first, second
+        self._size = cause.parameters[0].usual if size is None else size
         self._index = first.parameters.index(cause.key)
 
     def sigma(self, plan: Plan) -> float:
         """Expected separation with a plan."""
         if self._second is None:
-            return strength(plan, self._first, self._index, self._value)
+            return strength(plan, self._first, self._index, self._size)
         return separation(plan, self._first, self._second)
 
     def concerns(self, plan: Plan) -> bool:
@@ -145,9 +147,9 @@ def _named(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
             if others:
                 other = others[0]
                 second = Point(other.fit.parameters, other.fit.x)
-                pairs.append(_Pair(cause.effect, point, other.effect, second, 0.0, ""))
+                pairs.append(_Pair(cause.effect, point, other.effect, second, 0.0))
             else:
-                pairs.append(_Pair(cause.effect, point, title, None, float(cause.values[0]), ""))
+                pairs.append(_Pair(cause.effect, point, title, None, float(cause.values[0])))
     return pairs
 
 
@@ -164,11 +166,10 @@ def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
             every = every.with_candidate(effect)
     with_all, pairs = Point(every, every.carried(base.parameters, base.x)), []
     for effect, constant in hidden.values():
-        parameter, parameters = effect.parameters[0], base.parameters.with_candidate(effect)
-        size = parameter.usual
+        parameters = base.parameters.with_candidate(effect)
         x = parameters.carried(base.parameters, base.x)
         point = Point(parameters, x, with_all if effect.acquisition is None else None)
-        pairs.append(_Pair(effect, point, constant, None, size, f"{size:.2g}{parameter.after_number}"))
+        pairs.append(_Pair(effect, point, constant, None, None))
     return pairs
 
 

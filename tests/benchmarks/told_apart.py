@@ -120,7 +120,7 @@ def separation(pair: Pair) -> tuple[float, float, float]:
         raise SystemExit(f"{pair.cause} against {pair.other}: the verdict recommends {[p.measurement for p in pairs]}")
     (plan,) = plans
     with_further = diagnose([read_specimen(path) for path in pair.further], effects=pair.effects)
-    scale = 1.0 if pair.size is None else pair.size / float(plan.size.split()[0])
+    scale = 1.0 if pair.size is None else pair.size / plan.parameter.usual
     return scale * plan.now, scale * plan.expected, _beyond(with_further, pair)
 
 

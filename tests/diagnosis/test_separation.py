@@ -10,7 +10,7 @@ import pytest
 from diagnosis.conftest import AXES, DENSITY, FREQUENCY, SIZE
 from femu_piezo.diagnosis.next_measurement import Plan, Point, Remembered, Separation, separation, strength, summary
 from femu_piezo.diagnosis.readings import readings
-from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.effect import EffectContext, EffectParameter
 from femu_piezo.effects.library import library
 from femu_piezo.inference.ensemble import with_owner
 from femu_piezo.inference.fit import fit
@@ -175,11 +175,15 @@ def test_a_weighed_piece_is_not_to_be_weighed(setup):
 
 
 def test_recommendation_carries_the_figures():
+    stray = EffectParameter("capacitance", "F", 0.0, 1e-9, 1e-12, 2e-11)
+    share = EffectParameter("relative_error", "1", -0.1, 0.1, 0.005, 0.02)
     pairs = [
-        Separation("sweep farther", "stray_capacitance", "eps33T", "2e-11 F", 0.1, 412.3),
-        Separation("sweep farther", "wrong_width", "s12", "", 0.1, 12.3),
+        Separation("sweep farther", "stray_capacitance", "eps33T", stray, 0.1, 412.3),
+        Separation("sweep farther", "wrong_width", "s12", None, 0.1, 12.3),
+        Separation("sweep farther", "wrong_thickness", "s11", share, 0.1, 9.0),
     ]
     assert summary(pairs) == (
-        "sweep farther: expected to distinguish wrong_width from s12 by 12 σ, stray_capacitance of 2e-11 F from eps33T "
-        "by over 100 σ"
+        "sweep farther: expected to distinguish wrong_thickness of 2 % from s11 by 9.0 σ, "
+        "wrong_width from s12 by 12 σ, stray_capacitance of 20 pF from eps33T by over 100 σ"
     )
+    assert [one.to_json()["size"] for one in pairs] == ["2e-11 F", "", "0.02"]
