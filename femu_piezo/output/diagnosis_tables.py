@@ -6,11 +6,12 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from femu_piezo.diagnosis.comparison import Trial
+from femu_piezo.effects.words import quantity
 from femu_piezo.inference.readings import reading_words
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.tables import interval_text, note_lines, text_of
-from femu_piezo.output.wording import alike_words, names_of, percent, quantity, sizes, spoken, with_article
+from femu_piezo.output.wording import alike_words, names_of, percent, sizes, spoken, with_article
 from femu_piezo.study.diagnose import Diagnosis
 from femu_piezo.study.pole_zero_residuals import Difference
 from femu_piezo.units import number, signed
@@ -51,9 +52,8 @@ def diagnosis_table(result: Diagnosis) -> RenderableType:
 
 def _candidate_table(result: Diagnosis) -> Table:
     table = Table(title="candidate effects, each fitted alone with the constants", title_justify="left")
-    table.add_column("effect")
-    for heading in ("log odds", "prediction error (σ)", "size"):
-        table.add_column(heading, justify="right")
+    for heading in ("effect", "log odds", "prediction error (σ)", "size"):
+        table.add_column(heading, justify="left" if heading in ("effect", "size") else "right")
     base = result.comparison.base
     table.add_row("none", "0", f"{base.held_out.rms:.3g}", "")
     for trial in ranked(result)[:_CANDIDATES]:
@@ -69,9 +69,10 @@ def ranked(result: Diagnosis) -> list[Trial]:
 
 
 def fitted_sizes(trial: Trial) -> str:
-    """The fitted parameters of a candidate with deviation and unit, without their names."""
-    found = zip(trial.effect.parameters, trial.values, trial.std, strict=True)
-    return ", ".join(quantity(p, float(v), float(s)) for p, v, s in found)
+    """The fitted parameters of a candidate with deviation and unit, with their names where there are several."""
+    if len(trial.effect.parameters) > 1:
+        return sizes(trial.effect, trial.values, trial.std)
+    return quantity(trial.effect.parameters[0], float(trial.values[0]), float(trial.std[0]))
 
 
 def _constant_table(result: Diagnosis) -> Table:

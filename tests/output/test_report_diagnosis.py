@@ -25,6 +25,7 @@ from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import EPS0
 from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.output.diagnosis import diagnosis_record
+from femu_piezo.output.diagnosis_tables import fitted_sizes
 from femu_piezo.output.diagnosis_words import _best_candidate, _form, _likely, whatever_the_cause
 from femu_piezo.output.folder import prepare_folder, write_json
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
@@ -375,6 +376,16 @@ def test_runs_in_a_browser_and_the_mouse_zooms(effect, tmp_path):
 )
 def test_quantities_are_readable(name, unit, value, std, text):
     assert quantity(EffectParameter(name, unit, -1, 1, 1, 1), value, std) == text
+
+
+def test_several_fitted_sizes_have_their_names():
+    names = (("strength", "1"), ("relaxation_frequency", "Hz"))
+    several = tuple(EffectParameter(name, unit, -1, 1, 1, 1) for name, unit in names)
+    values, std = np.array([0.0006, 35e3]), np.array([0.0011, 69e3])
+    trial = SimpleNamespace(effect=SimpleNamespace(parameters=several), values=values, std=std)
+    assert fitted_sizes(trial) == "strength 0.0006 ± 0.0011, relaxation frequency (35 ± 69) kHz"
+    trial = SimpleNamespace(effect=SimpleNamespace(parameters=several[1:]), values=values[1:], std=std[1:])
+    assert fitted_sizes(trial) == "(35 ± 69) kHz"
 
 
 def test_touching_bands_are_merged():
