@@ -280,11 +280,14 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
         lines.append(f"measure {item.measurement}: determines {gained}")
     lines += [*result.advice, *_study_lines(result.study)]
     parts = [table, text_of(lines), *expectation_tables(result.expected)]
-    return Group(*parts) if result.plan is None else Group(*parts, _plan_table(result.plan))
+    return Group(*parts) if result.plan is None else Group(*parts, _plan_table(result.plan, result.expected))
 
 
-def _plan_table(plan: Plan) -> Table:
-    """Deviations that an update would state after the planned sweep, and after other sweeps to compare."""
+def _plan_table(plan: Plan, expected: Expectation) -> Table:
+    """Deviations that an update would state after the planned sweep, and after other sweeps to compare.
+
+    With three digits, since tolerances of the specimen may hide most of the gain.
+    """
     points = len(plan.frequency)
     words = {"equal": f"{points} equally spaced", "equal, four times": f"{4 * points} equally spaced"}
     words |= {"plan": f"plan, {points} points", "dense at resonances": f"{points}, half of them at resonances"}
@@ -293,7 +296,7 @@ def _plan_table(plan: Plan) -> Table:
     for label in plan.expected["plan"]:
         table.add_column(label, justify="right")
     for name, std in plan.expected.items():
-        table.add_row(words[name], *(f"{value:.2g}" for value in std.values()))
+        table.add_row(words[name], *(deviation_words(label, expected, value, 3) for label, value in std.items()))
     return table
 
 
@@ -358,12 +361,12 @@ def expectation_tables(expected: Expectation) -> list[RenderableType]:
     return [stated, gains, text_of(more)]
 
 
-def deviation_words(label: str, expected: Expectation, std: float | None = None) -> str:
+def deviation_words(label: str, expected: Expectation, std: float | None = None, digits: int = 2) -> str:
     """Deviation of a constant in % of its value, or of a tangent ("tan_s11"); the expected one where `std` is None."""
     one = expected.parameters[label.removeprefix("tan_")]
     if label.startswith("tan_"):
-        return f"{one.tan_std if std is None else std:.2g}"
-    return f"{100 * (one.std if std is None else std) / abs(one.value):.2g} %"
+        return f"{one.tan_std if std is None else std:.{digits}g}"
+    return f"{100 * (one.std if std is None else std) / abs(one.value):.{digits}g} %"
 
 
 def _gain_words(improvement: Improvement, expected: Expectation, tangents: bool) -> str:

@@ -139,6 +139,8 @@ def test_a_plan_tells_more_than_as_many_points_equally_spaced(tmp_path):
     for label in ("s11", "tan_s11"):
         assert expected["plan"][label] < 0.6 * expected["equal"][label]
         assert expected["plan"][label] < expected["equal, four times"][label]
+    s11 = json.loads((tmp_path / "out/identifiability.json").read_text())["expected"]["s11"]["value"]
+    assert f"{100 * expected['plan']['s11'] / s11:.3g} %" in answer.output.split("planned sweep")[1]
     few = invoked("identify", tmp_path / "k31.toml", "--out", "o", "--plan", "5")
     assert few.exit_code == 2
     both = [str(tmp_path / "k31.toml")] * 2
