@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from femu_piezo.output.curves import PRINTED
 from femu_piezo.specimen.file import CONSTANTS
 
 #: Columns of a table that have a distribution, in the order of the report.
@@ -196,46 +197,72 @@ def _outliers(distribution: Distribution, tested: int, rows: dict[int, dict]) ->
         distribution.number.tolist(), distribution.values.tolist(), residual / scale, strict=True
     ):
         if abs(distance) > critical:
-            about = "the drift of the lot" if distribution.drifts else "the median of the lot"
-            side = "above" if distance > 0 else "below"
-            reason = (
-                f"{distribution.quantity} = {value:.5g} is {abs(distance):.1f} σ {side} {about} "
-                f"({distribution.centre:.5g})"
-            )
+            reason = _reason(distribution, value, distance)
             row = rows[number]
             told = {name: row.get(name) or "" for name in ("cause", "diagnosis", "notes")}
             found.append(Outlier(number, row["file"], distribution.quantity, value, float(distance), reason, **told))
     return found
 
 
-def lot_text(lot: Lot) -> str:
-    """The report in words."""
+def _reason(distribution: Distribution, value: float, distance: float, factor: float = 1.0, unit: str = "") -> str:
+    """Why a value is an outlier; it is written in a unit, with its factor from SI."""
+    about = "the drift of the lot" if distribution.drifts else "the median of the lot"
+    side = "above" if distance > 0 else "below"
+    return (
+        f"{distribution.quantity} = {factor * value:.5g}{unit} is {abs(distance):.1f} σ {side} {about} "
+        f"({factor * distribution.centre:.5g}{unit})"
+    )
+
+
+def counts_words(lot: Lot) -> str:
+    """How many specimens there are, and how many gave a result."""
     counts = lot.counts
-    lines = [
-        f"{counts['specimens']} specimens: {counts['ok']} updated, {counts['failed']} refused or not converged, "
-        f"{counts['lost']} lost"
-    ]
-    lines += [
-        f"{one.quantity:12s} median {one.centre:.5g}, robust std {_share(one.sigma, one.centre)}"
-        + ("" if one.measurement is None else f", std of one measurement {_share(one.measurement, one.centre)}")
-        + f", limits {one.limits[0]:.5g} … {one.limits[1]:.5g} ({one.beyond} beyond)"
-        + (f", drifts by {one.drift / abs(one.centre):+.2%} over the lot (p = {one.drift_p:.1g})" if one.drifts else "")
-        for one in lot.distributions
-    ]
-    if lot.distributions and lot.distributions[0].values.size < FEWEST:
-        lines.append(f"outliers and drift are estimated for lots of {FEWEST} or more specimens")
+    return (
+        f"{counts['specimens']} specimen{'s' * (counts['specimens'] != 1)}: {counts['ok']} updated, "
+        f"{counts['failed']} refused or not converged, {counts['lost']} lost"
+    )
+
+
+def lot_text(lot: Lot) -> str:
+    """The report in words, constants in the units of an update."""
+    of_quantity = {one.quantity: one for one in lot.distributions}
+    lines = [counts_words(lot), *(_distribution_line(one) for one in lot.distributions)]
+    if any(one.values.size < FEWEST for one in lot.distributions):
+        lines.append(
+            f"values beyond the limits are counted, and outliers and drift looked for, among {FEWEST} or more values"
+        )
     for words, found in (("diagnoses", lot.verdicts), ("first causes", lot.causes)):
         if found:
             lines.append(f"{words}: " + ", ".join(f"{name} {count}" for name, count in found.items()))
     for file in dict.fromkeys(one.file for one in lot.outliers):
         of_file = [one for one in lot.outliers if one.file == file]
-        lines.append(f"outlier {file}: " + "; ".join(one.reason for one in of_file))
+        reasons = (_reason(of_quantity[one.quantity], one.value, one.distance, *_unit(one.quantity)) for one in of_file)
+        lines.append(f"outlier {file}: " + "; ".join(reasons))
         if of_file[0].diagnosis:
             lines.append(f"    diagnosis: {of_file[0].diagnosis}")
         if of_file[0].notes:
             lines.append(f"    notes: {of_file[0].notes}")
     lines += [f"no result for {file}: {reason}" for file, reason in lot.faults]
     return "\n".join(lines) + "\n"
+
+
+def _distribution_line(one: Distribution) -> str:
+    """Median, spread, limits and drift of one quantity."""
+    factor, unit = _unit(one.quantity)
+    low, high = (factor * limit for limit in one.limits)
+    beyond = f"{one.beyond} beyond" if one.values.size >= FEWEST else "values beyond are not counted"
+    return (
+        f"{one.quantity:12s} median {factor * one.centre:.5g}{unit}, robust std {_share(one.sigma, one.centre)}"
+        + ("" if one.measurement is None else f", std of one measurement {_share(one.measurement, one.centre)}")
+        + f", limits {low:.5g} … {high:.5g}{unit} ({beyond})"
+        + (f", drifts by {one.drift / abs(one.centre):+.2%} over the lot (p = {one.drift_p:.1g})" if one.drifts else "")
+    )
+
+
+def _unit(quantity: str) -> tuple[float, str]:
+    """Factor from SI and unit, with a space before it, of a quantity; 1 and "" where it has none."""
+    factor, unit = PRINTED.get(quantity, (1.0, ""))
+    return factor, f" {unit}" if unit else ""
 
 
 def _share(sigma: float, centre: float) -> str:

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from femu_piezo.batch.lot import Distribution, Lot
+from femu_piezo.batch.lot import FEWEST, Distribution, Lot, counts_words
 from femu_piezo.output.curves import PRINTED
 
 _POINTS = {"color": "#1f6fb4", "marker": ".", "linestyle": "none", "markersize": 4}
@@ -29,6 +29,7 @@ def lot_figure(lot: Lot) -> Figure:
         inside = np.array([number not in far for number in one.number.tolist()])
         low, high = _range(one, inside)
         _chart(chart, one, lot, factor, inside)
+        chart.ticklabel_format(axis="y", useOffset=False)
         chart.set(ylim=(factor * low, factor * high), ylabel=f"{one.quantity}{f' ({unit})' if unit else ''}")
         bins = min(40, max(5, int(inside.sum()) // 5))
         histogram.hist(factor * one.values[inside], bins=bins, orientation="horizontal", color="#9dbfdc")
@@ -41,12 +42,10 @@ def lot_figure(lot: Lot) -> Figure:
         axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes[-1, 1].set_xlabel("specimens")
     figure.align_ylabels(axes[:, 0])
-    counts = lot.counts
-    figure.suptitle(
-        f"{counts['specimens']} specimens: {counts['ok']} updated, {counts['failed']} refused or not converged, "
-        f"{counts['lost']} lost; {len({item.number for item in lot.outliers})} with outliers",
-        fontsize=11,
-    )
+    looked_for = any(one.values.size >= FEWEST for one in lot.distributions)
+    outliers = f"{len({item.number for item in lot.outliers})} with outliers"
+    words = outliers if looked_for else f"outliers are not looked for below {FEWEST} values"
+    figure.suptitle(f"{counts_words(lot)}; {words}", fontsize=11)
     return figure
 
 

@@ -51,6 +51,26 @@ def test_outliers_are_named_with_their_reason():
     assert [item.file for item in lot.outliers] == ["p17.csv"]
     assert "above the median" in lot.outliers[0].reason
     assert "outlier p17.csv: s11" in lot_text(lot) and "a jump at 90 kHz" in lot_text(lot)
+    one = lot.distributions[0]
+    median, value = f"{1e12 * one.centre:.5g} 10⁻¹² m²/N", f"s11 = {1e12 * values[16]:.5g} 10⁻¹² m²/N is "
+    assert f"median {median}, " in lot_text(lot) and value in lot_text(lot) and f"the lot ({median})" in lot_text(lot)
+    assert f"{1e12 * one.limits[1]:.5g} 10⁻¹² m²/N ({one.beyond} beyond)" in lot_text(lot)
+    assert f"s11 = {values[16]:.5g} is " in lot.outliers[0].reason  # lot.json is in SI units
+
+
+def test_a_small_lot_says_that_values_beyond_its_limits_are_not_counted():
+    values = CENTRE * (1 + 1e-4 * np.arange(5.0))
+    values[4] *= 1.1
+    lot = lot_of(rows(values))
+    assert "(values beyond are not counted)" in lot_text(lot) and "0 beyond" not in lot_text(lot)
+    assert "outliers are not looked for" in lot_figure(lot).get_suptitle()
+    assert lot.to_json()["quantities"]["s11"]["beyond_limits"] == 0
+
+
+def test_axes_of_the_chart_have_no_offset():
+    figure = lot_figure(lot_of(rows(-2.74e-10 * (1 + 1e-5 * np.arange(9.0)))))
+    figure.draw_without_rendering()
+    assert figure.axes[0].yaxis.get_offset_text().get_text() == ""
 
 
 def test_far_outliers_do_not_set_the_scale_of_the_chart():
