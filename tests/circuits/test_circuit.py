@@ -129,6 +129,20 @@ def test_a_specimen_gives_the_circuit_of_its_model(tmp_path):
     assert found.misfit[1] < 2 / np.pi * 0.01 * np.log(found.frequency[-1] / found.frequency[0])
 
 
+@pytest.mark.parametrize("loss", [0.0, 0.01])
+def test_direct_current_is_cancelled_where_branches_carry_one(loss):
+    """Branches without loss have no Rp, and a resistor of either sign then follows the rest of the curve alone."""
+    poles = 2 * np.pi * np.array([35.02e3, 103.02e3]) * 1j * np.sqrt(1 + 1j * loss)
+    branches = [Branch(complex(pole), complex(residue, 0.0), {}) for pole, residue in zip(poles, (17, 16), strict=True)]
+    omega = 2 * np.pi * FREQUENCY
+    direct = sum(one.section(np.zeros(1))[0].real for one in branches)
+    rest = 1j * omega * 3e-9 - (direct or 1 / 3e7)
+    found = fit_circuit("plate", branches, FREQUENCY, 1 / (sum(one.section(omega) for one in branches) + rest))
+    assert all(np.isfinite(one.elements["Rp"]) == (loss > 0) for one in found.branches)
+    assert any(one.kind == "R" and one.values["R"] < 0 for one in found.static)
+    assert any("negative resistor" in note for note in found.notes) == (loss > 0)
+
+
 def test_files(circuit, bar, tmp_path):
     write_spectrum(bar, tmp_path / "bar 40.csv")
     out = tmp_path / "out"
