@@ -222,7 +222,8 @@ def extract(
     and Touchstone of one or two ports (.s1p, .s2p in series or shunt). Writes extraction.json and extraction.png. Both
     contain the standard figures that do not depend on the body (fs, fp, fm, fn, fr, fa, k_eff, Qm, capacitance, tan δ;
     IEEE 176-1987, EN 50324-2). With --method prony-ss also prony_ss.png: impulse responses, singular values and
-    stabilization diagrams of poles and zeros.
+    stabilization diagrams of poles and zeros. A sweep without any loss, or of too few points, has nothing to extract:
+    extraction.json and extraction.png say so, and there is no prony_ss.png.
     """
     from femu_piezo.api import extract as run
     from femu_piezo.measurement.readers import read_spectrum

@@ -27,30 +27,30 @@ LABELLED = 6  # most resonances in the text
 def extraction_figure(extraction: Extraction) -> Figure:
     """|Z| and phase with the fit, the residual in σ, and one stabilization diagram each for poles and zeros.
 
-    Where nothing could be fitted, sweep and reason. Blue marks poles, green zeros. The diagrams are those of the
-    method used: Prony-SS, or rational least-squares fits of growing order for the maximum-likelihood method.
+    Where nothing could be fitted, only the sweep and the reason. Blue marks poles, green zeros. The diagrams are those
+    of the method used: Prony-SS, or rational least-squares fits of growing order for the maximum-likelihood method.
     """
-    figure = Picture(figsize=(11.5, 9.0), layout="constrained")
-    axes = figure.subplot_mosaic(
-        [["magnitude", "poles"], ["phase", "zeros"], ["residual", "text"]],
-        gridspec_kw={"height_ratios": [3, 3, 2.4], "width_ratios": [1, 1]},
-    )
-    factor, label = _frequency_unit(extraction)
-    for name in ("phase", "residual", "poles", "zeros"):
+    fitted, (factor, label) = extraction.model is not None, _frequency_unit(extraction)
+    places = [["magnitude", "poles"], ["phase", "zeros"], ["residual", "text"]]
+    if not fitted:
+        places = [["magnitude", "text"], ["phase", "text"]]
+    figure = Picture(figsize=(11.5, 9.0 if fitted else 6.0), layout="constrained")
+    axes = figure.subplot_mosaic(places, gridspec_kw={"height_ratios": [3, 3, 2.4][: len(places)]})
+    for name in axes.keys() - {"magnitude", "text"}:
         axes[name].sharex(axes["magnitude"])
+        axes[name].set_xlabel(label)
     _curves(extraction, axes["magnitude"], axes["phase"], factor)
-    if extraction.model is not None:
+    if fitted:
         _residual(extraction, axes["residual"], factor)
         for name, diagram in zip(("poles", "zeros"), _diagrams(extraction), strict=True):
             _stabilization(extraction, axes[name], diagram, name, factor)
-    for name in ("residual", "poles", "zeros", "phase"):
-        axes[name].set_xlabel(label)
     axes["magnitude"].set_xscale("log" if _is_wide(extraction) else "linear")
     axes["text"].axis("off")
     axes["text"].text(
         0.0, 1.0, _summary(extraction), va="top", family="monospace", fontsize=8.5, transform=axes["text"].transAxes
     )
-    figure.suptitle(f"{extraction.spectrum.source}: poles and zeros ({extraction.method.replace('_', ' ')})")
+    words = f"poles and zeros ({extraction.method.replace('_', ' ')})" if fitted else "nothing could be extracted"
+    figure.suptitle(f"{extraction.spectrum.source}: {words}")
     return figure
 
 
@@ -87,10 +87,10 @@ def _curves(extraction: Extraction, magnitude: Axes, phase: Axes, factor: float)
     if extraction.model is not None:
         magnitude.semilogy(x, np.abs(extraction.impedance), label="fit", **FIT)
         phase.plot(x, np.degrees(np.angle(extraction.impedance)), **FIT)
-    for axes in (magnitude, phase):
-        _mark(extraction, axes, factor)
-    magnitude.plot([], [], color=POLE, label="pole")
-    magnitude.plot([], [], color=ZERO, label="zero")
+        for axes in (magnitude, phase):
+            _mark(extraction, axes, factor)
+        magnitude.plot([], [], color=POLE, label="pole")
+        magnitude.plot([], [], color=ZERO, label="zero")
     if extraction.doubtful:
         magnitude.plot([], [], color="#777777", linewidth=0.8, linestyle=":", label="doubtful")
     magnitude.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=6, frameon=False, fontsize=9)
@@ -170,7 +170,7 @@ def _stabilization(extraction: Extraction, axes: Axes, diagram: StabilizationDia
 
 
 def _summary(extraction: Extraction) -> str:
-    lines = [f"{'':5}{'frequency (Hz)':>22}{'loss η':>22}{'Q':>9}"]
+    lines = [f"{'':5}{'frequency (Hz)':>22}{'loss η':>22}{'Q':>9}"] if extraction.model is not None else []
     every = extraction.resonances.poles + extraction.resonances.zeros + extraction.doubtful
     found = sorted(every, key=lambda r: r.frequency_Hz)
     for r in found[:LABELLED]:

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from femu_piezo.extraction import extract
+from femu_piezo.measurement.readers import read_spectrum, write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.output.extraction_plots import extraction_figure
+from tests.commands import succeeded
 
 from .bar import Bar, sweep
 
@@ -46,7 +49,18 @@ def test_figure_of_too_few_points_says_so(tmp_path):
     written = " ".join(text.get_text() for axes in figure.axes for text in axes.texts)
     assert "the sweep has 5 usable points" in written and "background needs 8" in written
     assert figure.axes[0].get_lines()[0].get_ydata() == pytest.approx(np.abs(data.impedance))
+    assert all(axes.get_lines() or axes.texts for axes in figure.axes)  # none is empty
     figure.savefig(tmp_path / "extraction.png")
+
+
+def test_a_sweep_without_loss_has_its_curve_and_the_reason_alone(tmp_path):
+    frequency = np.linspace(20e3, 60e3, 801)
+    write_spectrum(ImpedanceSpectrum(frequency, 1j * sweep(BAR, frequency).impedance.imag), tmp_path / "sweep.csv")
+    succeeded("extract", tmp_path / "sweep.csv", "--method", "prony-ss", "--out", tmp_path / "out")
+    assert {one.name for one in (tmp_path / "out").iterdir()} == {"extraction.json", "extraction.png"}
+    assert "there is no prony_ss.png" in " ".join(succeeded("extract", "--help").output.split())
+    figure = extraction_figure(extract(read_spectrum(tmp_path / "sweep.csv"), method="prony_ss"))
+    assert len(figure.axes) == 3 and all(axes.get_lines() or axes.texts for axes in figure.axes)
 
 
 def test_extraction_does_not_import_matplotlib():

@@ -35,7 +35,7 @@ class Extracted(Result, Extraction):
         return [{**row, "doubtful": False} for row in sound] + [{**row, "doubtful": True} for row in doubtful]
 
     def save(self, folder: Path | str) -> Path:
-        """Write extraction.json, extraction.png and, where the method is Prony-SS, prony_ss.png; the folder."""
+        """Write extraction.json, extraction.png and, where Prony-SS decomposed the sweep, prony_ss.png; the folder."""
         out = prepare_folder(Path(folder))
         write_figure(out / "extraction.png", self.plot())
         if self.method == "prony_ss" and self.model is not None:
