@@ -275,9 +275,10 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
         )
     lines = [_sweep_words(one.title, one.frequency) for one in result.sensitivities]
     lines += [f"least known combination: {sentence}" for sentence in known.weakest()]
-    for item in result.recommendations:
-        gained = ", ".join(item.gained) or "no further constant"
-        lines.append(f"measure {item.measurement}: determines {gained}")
+    useful = [item for item in result.recommendations if item.gained]
+    lines += [f"measure {item.measurement}: determines {', '.join(item.gained)}" for item in useful]
+    if result.recommendations and not useful:
+        lines.append("no further sweep of another body that was tried would determine another constant")
     lines += [*result.advice, *_study_lines(result.study)]
     parts = [table, text_of(lines), *expectation_tables(result.expected)]
     return Group(*parts) if result.plan is None else Group(*parts, _plan_table(result.plan, result.expected))
