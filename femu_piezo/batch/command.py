@@ -44,7 +44,7 @@ def run_batch(
 
     def make_pool() -> Pool:
         # this process waits while the workers start: time to load what it needs at the end
-        Thread(target=lambda: [import_module(name) for name in _AT_THE_END], daemon=True).start()
+        Thread(target=lambda: [import_module(name) for name in _AT_THE_END]).start()
         if scheduler is not None:
             try:
                 from femu_piezo.batch.cluster import DaskPool
