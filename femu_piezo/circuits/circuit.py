@@ -19,8 +19,9 @@ _POINTS, _SMALL = 400, 1e-9
 _MISSED, _PASSIVE = 1e-3, 0.02
 #: Corner frequencies of relaxations per decade, and the factor by which they reach beyond the band.
 _PER_DECADE, _REACH = 3, 10.0
-#: Resonances of modes outside the sweep, over its highest frequency; the lowest frequency over those below it.
-_OUTSIDE = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0, 3.0, 5.0)
+#: Resonances of modes outside the sweep, over its highest frequency; the lowest frequency over those below it. Modes
+#: farther off are part of C0: as branches they would take its place, and cancel relaxations of 10 times its size.
+_OUTSIDE = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0)
 #: Numbers of broad resonances of either sign that are tried, and how far they reach beyond the band, as a share of its
 #: width in log f.
 _BROAD, _BEYOND = (8, 12, 16, 24, 32), 0.25

@@ -16,6 +16,7 @@ from femu_piezo.circuits.circuit import fit_circuit
 from femu_piezo.circuits.spice import spice_text, subcircuit_name
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests import k31_bar
 from tests.commands import invoked, succeeded
 from tests.extraction.bar import Bar
 from tests.noise import noisy
@@ -236,3 +237,15 @@ def test_ngspice_gives_the_same_admittance(kind, circuit, turned, tmp_path):
     frequency = np.linspace(one.frequency[0], one.frequency[-1], 3001)
     found = in_ngspice(one, tmp_path, frequency)
     assert np.max(np.abs(found / one.admittance(2 * np.pi * frequency) - 1)) < 1e-6
+
+
+def test_the_static_capacitance_is_that_of_c0():
+    """A lossy bar from far below its resonance on: no branch stands for the capacitor, and none is larger than it."""
+    frequency, lossy = np.geomspace(1e3, 130e3, 401), 1 - 0.016j
+    size, density = (40e-3, 5e-3, 1e-3), 7900.0
+    z = k31_bar.impedance(2 * np.pi * frequency, size, density, 16e-12 * lossy, -290e-12 * lossy, 2.1e-8 * lossy)
+    circuit = fp.circuit(ImpedanceSpectrum.from_impedance(frequency, z))
+    free = 2.1e-8 * size[0] * size[1] / size[2]
+    assert 0.3 * free < circuit.static_capacitance < free
+    assert max(one.values.get("C", 0.0) for one in circuit.static) < 1.1 * free
+    assert circuit.misfit[0] < 0.01
