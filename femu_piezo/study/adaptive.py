@@ -30,7 +30,7 @@ from femu_piezo.study.measured import measure_each
 from femu_piezo.study.model_cache import Bases, SharedBases
 from femu_piezo.study.plan import FEWEST, SPREAD
 from femu_piezo.study.posterior import Posterior
-from femu_piezo.study.problem import prepare
+from femu_piezo.study.problem import prepare, refuse_nothing_free
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.simulate import sweep_frequencies
 from femu_piezo.study.subjects import subjects
@@ -240,6 +240,7 @@ def _check(specimen: Specimen, wish: Wish, band: tuple[float, float]) -> None:
         raise InputError(
             f"{where}: {band[0]:g} to {band[1]:g} Hz is no band of frequencies; give another, or change [limits]"
         )
+    refuse_nothing_free([specimen])
     free = specimen.material.free
     known = [*free, *(f"tan_{name}" for name in free)]
     for label, value in wish.deviations.items():

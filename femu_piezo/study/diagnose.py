@@ -30,6 +30,7 @@ from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
 from femu_piezo.study.posterior import Posterior
+from femu_piezo.study.problem import refuse_nothing_free
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.results import mesh_words, rms
 from femu_piezo.study.shapes import electrode_notes
@@ -238,6 +239,7 @@ def diagnose(
     ConvergenceError : the base model cannot be fitted
     """
     specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
+    refuse_nothing_free(specimens)
     clock, bases, rules = Clock(progress), bases or Bases(), rules or Rules()
     clock.step("read and extract")
     several = subjects(measure_each(specimens, spectra), effects)

@@ -26,7 +26,7 @@ from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.expectation import Expectation, expect, planned
 from femu_piezo.study.noise_study import Setting, noise_study
 from femu_piezo.study.plan import Plan, plan_sweep
-from femu_piezo.study.problem import Problem, prepare
+from femu_piezo.study.problem import Problem, prepare, refuse_nothing_free
 from femu_piezo.study.progress import Progress
 from femu_piezo.study.resonances_with_effects import sensitivity_with_effects
 from femu_piezo.study.simulate import sweep_frequencies
@@ -156,6 +156,7 @@ def identify(
     InputError : a specimen cannot be computed, or the noise is no relative standard deviation
     """
     specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
+    refuse_nothing_free(specimens)
     noise = _stated_noise(specimens) if noise is None else noise
     if not 0 < noise < 1:
         raise InputError(f"noise {noise:g} is not a relative standard deviation; give one such as 0.001")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,6 +129,16 @@ def prepare(specimen: Specimen, *, check: bool = True) -> Problem:
     elif check:
         constants.check(f"{where}: material")
     return Problem(specimen, plate, constants, float(density), fitted)
+
+
+def refuse_nothing_free(specimens: Sequence[Specimen]) -> None:
+    """InputError where the first of several specimens, whose [material] rules, has no free constant to find."""
+    for first in specimens[:1]:
+        if not first.material.free:
+            raise InputError(
+                f"{first.path or first.name}: material.free = [] leaves no constant to find, and at least one is "
+                'needed here; name some, such as free = ["s11", "d31", "eps33T"], or take the key out for the usual ones'
+            )
 
 
 def _constants(material: Material, base: PiezoConstants | None) -> PiezoConstants:

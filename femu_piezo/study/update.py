@@ -34,6 +34,7 @@ from femu_piezo.study.measured import Measured, Sweep, baseline_constants, measu
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.pole_zero_update import from_poles_and_zeros, no_history, pole_zero_update
 from femu_piezo.study.posterior import Posterior
+from femu_piezo.study.problem import refuse_nothing_free
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.resonances_with_effects import matched_resonances, sensitivity_with_effects
 from femu_piezo.study.results import Outcome, UpdateResult, mesh_words
@@ -78,6 +79,7 @@ def update(
     ConvergenceError : the iteration does not converge; the message says what to try
     """
     specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
+    refuse_nothing_free(specimens)
     clock = Clock(progress)
     clock.step("read and extract")
     return update_measured(measure_each(specimens, spectra), clock, bases, effects, samples)

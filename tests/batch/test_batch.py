@@ -154,6 +154,15 @@ def test_folder_of_specimen_files(tmp_path):
     )  # the same sweep of a longer bar means a stiffer material (bar 9 is the shorter one)
 
 
+def test_a_file_that_frees_nothing_is_wrong_input_and_not_lost(tmp_path):
+    specimen = write_lot(tmp_path, 1)[1]
+    specimen.write_text(
+        specimen.read_text(encoding="utf-8").replace("[update]", "free = []\n[update]"), encoding="utf-8"
+    )
+    row = run_lot(find_jobs(tmp_path), tmp_path / "out", InlinePool).rows[0]
+    assert row["status"] == "failed" and "material.free = []" in row["reason"]
+
+
 def diagnosed(name: str):
     """A step that finds the cause `name` in every specimen, and fails for one of the files."""
 
