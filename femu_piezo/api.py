@@ -101,17 +101,21 @@ def circuit(
 
     Raises
     ------
-    InputError : a file or a sweep cannot serve, or holds no resonance
+    InputError : a file or a sweep cannot serve, or holds no resonance; an option is given that has no meaning for it
     """
     from femu_piezo.output.results.circuit import EquivalentCircuit
     from femu_piezo.study.circuit import circuit_of_specimen, circuit_of_sweep
 
+    wishes = {"correct_phase": correct_phase, "mask_faults": mask_faults}
+    layout = {"connection": connection, "columns": columns}
     if isinstance(source, Specimen) or (isinstance(source, (str, Path)) and Path(source).suffix.lower() == ".toml"):
+        _refuse_given(wishes | layout, "a measured sweep", "the circuit is that of a specimen as its file describes it")
         return EquivalentCircuit.of_study(circuit_of_specimen(_one(source)))
-    given, wishes = _sweep(source), {"correct_phase": correct_phase, "mask_faults": mask_faults}
+    given = _sweep(source)
     if isinstance(given, Path):
-        spectrum = read_spectrum(given, **wishes, connection=connection, columns=columns)
+        spectrum = read_spectrum(given, **wishes, **layout)
     else:
+        _refuse_given(layout, "the file of a sweep", "the sweep is given in memory")
         spectrum = accept_spectrum(given, **wishes)
     return EquivalentCircuit.of_study(circuit_of_sweep(spectrum))
 
@@ -293,6 +297,13 @@ def modes(
     from femu_piezo.study import modes as study
 
     return Modes.of_study(study.modes(_one(specimen), band=band, count=count, effects=effects))
+
+
+def _refuse_given(options: dict[str, object], needed: str, but: str) -> None:
+    """InputError where one of the options is given."""
+    for name, value in options.items():
+        if value is not None and value is not False:
+            raise InputError(f"{name} is for {needed}, and {but}; leave it out")
 
 
 def _one(specimen: AnySpecimen) -> Specimen:

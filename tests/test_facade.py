@@ -247,6 +247,8 @@ def test_arguments_of_wrong_types_are_refused(specimen, sweep, tmp_path):
         (lambda: fp.identify(specimen, 2.0), "noise 2 is not"),
         (lambda: fp.diagnose(specimen, sweep, effects=["leakage"]), "'leakage' is no effect"),
         (lambda: fp.update(tmp_path / "none.toml", sweep), "no such file"),
+        (lambda: fp.circuit(specimen, mask_faults=True), "mask_faults is for a measured sweep"),
+        (lambda: fp.circuit(sweep, connection="series"), "connection is for the file of a sweep"),
     ):
         with pytest.raises(fp.InputError, match=words):
             wrong()

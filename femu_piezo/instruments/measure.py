@@ -227,8 +227,19 @@ def state_words(state: State) -> str:
     return words
 
 
+def _table_for_own(specimen: Specimen) -> Measurement:
+    """[measurement] for sweeps that this program writes: its `connection` and `columns` are those of other files.
+
+    They stay where it names raw sweeps of the fixture, which are read with them.
+    """
+    table = specimen.measurement or Measurement()
+    if table.open is not None or table.short is not None:
+        return table
+    return table.model_copy(update={"connection": None, "columns": None})
+
+
 def _with_sweep(specimen: Specimen, file: Path) -> Specimen:
-    table = (specimen.measurement or Measurement()).model_copy(update={"file": file.absolute()})
+    table = _table_for_own(specimen).model_copy(update={"file": file.absolute()})
     return specimen.model_copy(update={"measurement": table, "path": file.with_name("measured.toml")})
 
 
@@ -255,7 +266,7 @@ def _further(
                     file=(out / f"{name}.csv").absolute(), direction="up" if rising else "down", drive_voltage=voltage
                 )
             )
-    table = (specimen.measurement or Measurement()).model_copy(update={"file": None})
+    table = _table_for_own(specimen).model_copy(update={"file": None})
     several = specimen.model_copy(update={"measurement": table, "sweep": tuple(tables), "path": out / "several.toml"})
     write_specimen(several, out / "several.toml")
     return several

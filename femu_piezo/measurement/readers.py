@@ -58,8 +58,8 @@ def read_spectrum(
     mask_faults : leave out the points of spikes, mains lines and negative resistance, and the shorter side of a jump
     mask : bands (low, high), Hz, whose points are left out before any check
     noise : relative standard deviation of the complex impedance, where it is known; replaces that of the file
-    connection : of the piece, for Touchstone: "reflection", "series" or "shunt"; found out where None
-    columns : names of the columns in place of a header, written as in one; "" for a column that is not used
+    connection : of the piece, for Touchstone alone: "reflection", "series" or "shunt"; found out where None
+    columns : names of the columns of a table in place of its header, as one has them; "" for a column that is not used
     compensation : raw sweeps of the fixture (`read_raw`), whose influence is removed
 
     Returns
@@ -88,8 +88,16 @@ def _read(path: Path, connection: Connection | None, columns: Sequence[str] | No
     source = str(path)
     text = decode(read_bytes(path, _LARGEST_FILE), source)
     if is_touchstone(path):
+        if columns is not None:
+            raise InputError(f"{source}: columns names those of a table, and this is a Touchstone file; leave it out")
         return read_touchstone(text, source, connection), True
+    if connection is not None:
+        raise InputError(
+            f'{source}: connection = "{connection}" is for Touchstone files (*.s2p), and this is none; leave it out'
+        )
     lines = text.split("\n")
+    if columns is not None and (is_4294a(lines) or is_keysight(lines)):
+        raise InputError(f"{source}: this export of an analyser names its columns itself; leave columns out")
     notes: tuple[str, ...] = ()
     if is_4294a(lines):
         table = read_4294a(lines, source)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.compensation import Compensation, Load
 from femu_piezo.measurement.readers import accept_spectrum, read_raw, read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.measurement.touchstone import is_touchstone
 from femu_piezo.specimen.file import Measurement, Specimen
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.starts import has_uniform_field, start_permittivity, start_values
@@ -130,11 +132,12 @@ def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None 
         whose = f"{len(specimens)} specimens" if count == len(specimens) else f"{count} sweeps in the specimen files"
         raise InputError(f"there are {whose} and {len(spectra)} sweeps; give one sweep for each")
     given = iter([None] * count if spectra is None else spectra)
-    return [
-        one
-        for specimen in specimens
-        for one in _of_one_piece(specimen, [_analysed(own, next(given)) for own in specimen.of_each_sweep])
-    ]
+    found: list[Measured] = []
+    for specimen in specimens:
+        sweeps = [(own, next(given)) for own in specimen.of_each_sweep]
+        _refuse_idle_layout(specimen, sweeps)
+        found += _of_one_piece(specimen, [_analysed(*one) for one in sweeps])
+    return found
 
 
 def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
@@ -177,8 +180,7 @@ def _analysed(specimen: Specimen, spectrum: Sweep | None) -> _Analysed:
         "noise": wish.noise,
     }
     if spectrum is None:
-        layout = {"connection": wish.connection, "columns": wish.columns}
-        spectrum = read_spectrum(wish.file, **options, **layout, compensation=_compensation(wish))
+        spectrum = read_spectrum(wish.file, **options, **_layout(wish, wish.file), compensation=_compensation(wish))
     else:
         spectrum = spectrum if (fixture := _compensation(wish)) is None else fixture.applied(spectrum)
         wish, spectrum = wish.model_copy(update={"file": None}), accept_spectrum(spectrum, **options)
@@ -187,6 +189,25 @@ def _analysed(specimen: Specimen, spectrum: Sweep | None) -> _Analysed:
     if wish.held_out is not None:
         fitted = spectrum.select((spectrum.frequency < wish.held_out[0]) | (spectrum.frequency > wish.held_out[1]))
     return _Analysed(problem, spectrum, fitted, extract(fitted))
+
+
+def _layout(wish: Measurement, file: Path) -> dict[str, Any]:
+    """The keys of [measurement] that say how to read a file of this format."""
+    return {"columns": wish.columns} if not is_touchstone(file) else {"connection": wish.connection}
+
+
+def _refuse_idle_layout(specimen: Specimen, sweeps: Sequence[tuple[Specimen, Sweep | None]]) -> None:
+    """InputError where `connection` or `columns` of [measurement] concerns none of the files that are read."""
+    wish = specimen.measurement or Measurement()
+    named = [given or (own.measurement or wish).file for own, given in sweeps]
+    named += [wish.open, wish.short, wish.load and wish.load.file]
+    files = [one for one in named if isinstance(one, Path)]
+    for key, what in (("connection", "a Touchstone file"), ("columns", "a table")):
+        if files and getattr(wish, key) is not None and not any(key in _layout(wish, file) for file in files):
+            raise InputError(
+                f"{specimen.path or specimen.name}: measurement.{key} says how to read {what}, and {files[0].name} is "
+                "none; take it out"
+            )
 
 
 def _of_one_piece(piece: Specimen, sweeps: Sequence[_Analysed]) -> list[Measured]:
@@ -233,9 +254,8 @@ def _compensation(wish: Measurement) -> Compensation | None:
     """The raw sweeps of the fixture, read; None where the file names none."""
     if wish.open is None and wish.short is None:
         return None
-    layout = {"connection": wish.connection, "columns": wish.columns}
     sweeps = {
-        name: None if file is None else read_raw(file, **layout)
+        name: None if file is None else read_raw(file, **_layout(wish, file))
         for name, file in (("open", wish.open), ("short", wish.short), ("load", wish.load and wish.load.file))
     }
     known = None

@@ -137,7 +137,7 @@ def refuse_nothing_free(specimens: Sequence[Specimen]) -> None:
         if not first.material.free:
             raise InputError(
                 f"{first.path or first.name}: material.free = [] leaves no constant to find, and at least one is "
-                'needed here; name some, such as free = ["s11", "d31", "eps33T"], or take the key out for the usual ones'
+                'needed here; name some, such as free = ["s11", "d31", "eps33T"], or take the key out for the default'
             )
 
 

@@ -19,7 +19,7 @@ from femu_piezo.batch.jobs import file_checksum
 from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.instruments.analyser import Settings, usual_drive
-from femu_piezo.instruments.measure import PointFile, measure
+from femu_piezo.instruments.measure import PointFile, _with_sweep, measure
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Limits, read_specimen
@@ -279,3 +279,12 @@ def test_points_of_another_voltage_are_refused(tmp_path):
     file.path.write_text("frequency,Z\n1,2\n")
     with pytest.raises(Exception, match="not a file of points"):
         file.read()
+
+
+def test_how_other_files_are_read_is_not_kept_for_an_own_sweep(tmp_path):
+    """The columns of a table that another instrument wrote are not those of sweep.csv."""
+    path = tmp_path / "plate.toml"
+    table = '[measurement]\nfile = "x.txt"\nnoise = 0.01\ncolumns = ["f (Hz)", "|Z| (Ohm)", "theta (deg)"]\n'
+    path.write_text(PLATE + table, encoding="utf-8")
+    kept = _with_sweep(read_specimen(path), tmp_path / "sweep.csv").measurement
+    assert kept.columns is None and kept.noise == 0.01 and kept.file == tmp_path / "sweep.csv"

@@ -137,6 +137,8 @@ def test_4294a_faults(tmp_path: Path) -> None:
 def test_e4990a(tmp_path: Path, names: str, pair: str, memory: bool) -> None:
     text = write_e4990a(FREQUENCY, *columns_of(FREQUENCY, IMPEDANCE, pair), names, memory)
     assert_same(read_text(tmp_path, text))
+    with pytest.raises(InputError, match="names its columns itself; leave columns out"):
+        read_text(tmp_path, text, columns=["Frequency (Hz)", "R (Ohm)", "X (Ohm)"])
     with pytest.raises(InputError, match="no END"):
         read_text(tmp_path, text.removesuffix("END\n"))
     other = write_e4990a(FREQUENCY, FREQUENCY, FREQUENCY, "Cp(F)-data, D()-data").replace("CH1", "CH2")

@@ -13,15 +13,26 @@ import pytest
 import skrf
 
 from femu_piezo.errors import InputError
-from femu_piezo.measurement.readers import read_spectrum
+from femu_piezo.measurement.readers import read_spectrum, write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen
-from femu_piezo.study.measured import measure
+from femu_piezo.study.measured import measure, measure_each
 from tests.commands import invoked, succeeded
 
 from .sweeps import SOFT, bar_impedance
 
 FREQUENCY = np.linspace(30e3, 50e3, 201)
 IMPEDANCE = bar_impedance(FREQUENCY, **SOFT)
+PLATE = """
+[geometry]
+shape = "plate"
+length = "40 mm"
+width = "5 mm"
+thickness = "1 mm"
+poling = "thickness"
+[material]
+base = "tj52-hd"
+"""
 
 
 def write(folder: Path, s: np.ndarray, reference: float, name: str = "sweep", **options) -> Path:
@@ -113,12 +124,33 @@ def test_noise_of_s_becomes_that_of_z(tmp_path, kind):
 
 def test_a_specimen_file_takes_touchstone(tmp_path):
     path = write(tmp_path, two_port("shunt", 50.0), 50.0)
-    text = '[geometry]\nshape = "plate"\nlength = "40 mm"\nwidth = "5 mm"\nthickness = "1 mm"\npoling = "thickness"\n'
-    text += f'[material]\nbase = "tj52-hd"\n[measurement]\nfile = "{path.name}"\nconnection = "shunt"\n'
-    (tmp_path / "plate.toml").write_text(text, encoding="utf-8")
+    text = f'[measurement]\nfile = "{path.name}"\nconnection = "shunt"\n'
+    (tmp_path / "plate.toml").write_text(PLATE + text, encoding="utf-8")
     assert measure(read_specimen(tmp_path / "plate.toml")).pair.pole.frequency_Hz == pytest.approx(35.4e3, rel=0.02)
     succeeded("extract", path, "--out", tmp_path / "out", "--connection", "shunt")
     assert json.loads((tmp_path / "out" / "extraction.json").read_text(encoding="utf-8"))["poles"]
+
+
+def test_what_does_not_concern_the_format_of_a_file_is_refused(tmp_path):
+    """`connection` of a table and `columns` of a Touchstone file, as option and as key."""
+    touchstone = write(tmp_path, two_port("shunt", 50.0), 50.0)
+    table = tmp_path / "table.csv"
+    write_spectrum(ImpedanceSpectrum(FREQUENCY, IMPEDANCE), table)
+    names = "Frequency (Hz), R (Ohm), X (Ohm)"
+    for path, option, value, words in (
+        (table, "--connection", "series", 'connection = "series" is for Touchstone files'),
+        (touchstone, "--columns", names, "columns names those of a table, and this is a Touchstone file"),
+    ):
+        for command in ("extract", "circuit"):
+            answer = invoked(command, path, option, value, "--out", tmp_path / "out")
+            assert answer.exit_code == 2 and words in answer.output and answer.output.count("\n") == 1
+    for key, idle in (('connection = "shunt"', table), ('columns = ["f (Hz)", "R (Ohm)", "X (Ohm)"]', touchstone)):
+        (tmp_path / "plate.toml").write_text(PLATE + f'[measurement]\nfile = "{idle.name}"\n{key}\n', encoding="utf-8")
+        with pytest.raises(InputError, match=rf"plate\.toml: measurement\.{key[:7]}.* {idle.name} is none; take it"):
+            measure(read_specimen(tmp_path / "plate.toml"))
+        both = f'[measurement]\nfile = ["{table.name}", "{touchstone.name}"]\n{key}\n'
+        (tmp_path / "plate.toml").write_text(PLATE + both, encoding="utf-8")
+        assert len(measure_each([read_specimen(tmp_path / "plate.toml")])) == 2  # it concerns one of them
 
 
 @pytest.mark.parametrize(
