@@ -227,6 +227,10 @@ def test_bands_are_left_out_of_a_file_and_of_a_sweep_in_memory(specimen, sweep, 
     assert fp.read_specimen(tmp_path / "again.toml").measurement.mask == ((low, high),)
     run = invoked("extract", tmp_path / "plate.csv", "--mask", low, high, "--out", tmp_path / "out")
     assert run.exit_code == 0 and json.loads((tmp_path / "out/extraction.json").read_text())["points"] == np.sum(keep)
+    turned = invoked("extract", tmp_path / "plate.csv", "--mask", high, low, "--out", tmp_path / "turned")
+    assert turned.exit_code == 2 and "not a band; give the lower frequency first" in turned.output
+    with pytest.raises(fp.InputError, match="not a band"):
+        fp.extract(sweep, mask=[(high, low)])
     for band, words in (
         ("[[5.0, 2.0]]", "not a band"),
         ("[[1.0, 1e9]]", "mask leaves 0 of"),

@@ -141,6 +141,10 @@ def _without(spectrum: ImpedanceSpectrum, mask: Bands) -> ImpedanceSpectrum:
         return spectrum
     keep = np.ones(len(spectrum), dtype=bool)
     for low, high in mask:
+        if not low < high:
+            raise InputError(
+                f"{spectrum.source}: mask holds [{low:g}, {high:g}] Hz, not a band; give the lower frequency first"
+            )
         keep &= (spectrum.frequency < low) | (spectrum.frequency > high)
     if keep.sum() < FEWEST_POINTS:
         raise InputError(
