@@ -202,10 +202,16 @@ class LoadStandard(Table):
 
 
 def _to_bands(value: object) -> object:
-    """Lists of TOML to tuples of (low, high)."""
-    if not isinstance(value, (list, tuple)):
-        return value
-    return tuple(tuple(band) if isinstance(band, list) else band for band in value)
+    """Lists of TOML to tuples of (low, high); ValueError for what is no list of pairs."""
+    if value is None:
+        return None
+    bands = value if isinstance(value, (list, tuple)) else (value,)
+    if bands is not value or any(not isinstance(band, (list, tuple)) or len(band) != 2 for band in bands):
+        single = len(bands) == 2 and not any(isinstance(band, (list, tuple)) for band in bands)
+        right = f"[[{', '.join(map(shown, bands))}]]" if single else '[["61 kHz", "62 kHz"]]'
+        given = shown(list(value) if isinstance(value, tuple) else value)
+        raise ValueError(f"{given} cannot be used, since each band is a list of two frequencies; write mask = {right}")
+    return tuple(map(tuple, bands))
 
 
 class Measurement(Table):

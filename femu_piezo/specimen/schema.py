@@ -100,6 +100,7 @@ def _sentence(error: Any, table: type[Table]) -> str:
     if error["type"] == "model_type":
         return f"{key} = {shown(error['input'])} is not a table; write [{key}] and its keys below"
     message = (error["msg"][0].lower() + error["msg"][1:]).replace("a valid boolean", "true or false")
+    message = message.replace("a valid tuple", "a list")
     return f"{key} = {shown(error['input'])} cannot be used; {message}"
 
 
