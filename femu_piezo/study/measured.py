@@ -17,6 +17,7 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.starts.pole_zero import static_permittivity
 from femu_piezo.inference.starts.thin_body import bar_coupling
 from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.measurement.checks import FEWEST_POINTS
 from femu_piezo.measurement.compensation import Compensation, Load
 from femu_piezo.measurement.readers import accept_spectrum, read_raw, read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -185,10 +186,21 @@ def _analysed(specimen: Specimen, spectrum: Sweep | None) -> _Analysed:
         spectrum = spectrum if (fixture := _compensation(wish)) is None else fixture.applied(spectrum)
         wish, spectrum = wish.model_copy(update={"file": None}), accept_spectrum(spectrum, **options)
     problem = prepare(specimen.model_copy(update={"measurement": wish}), check=False)
-    fitted = spectrum
-    if wish.held_out is not None:
-        fitted = spectrum.select((spectrum.frequency < wish.held_out[0]) | (spectrum.frequency > wish.held_out[1]))
+    fitted = _without_held_out(spectrum, wish.held_out, str(specimen.path or specimen.name))
     return _Analysed(problem, spectrum, fitted, extract(fitted))
+
+
+def _without_held_out(spectrum: ImpedanceSpectrum, band: tuple[float, float] | None, where: str) -> ImpedanceSpectrum:
+    """The points outside of the held-out band; InputError where these are too few to fit."""
+    if band is None:
+        return spectrum
+    fitted = spectrum.select((spectrum.frequency < band[0]) | (spectrum.frequency > band[1]))
+    if len(fitted) < min(FEWEST_POINTS, len(spectrum)):
+        raise InputError(
+            f"{where}: measurement.held_out = [{band[0]:g}, {band[1]:g}] Hz leaves {len(fitted)} of {len(spectrum)} "
+            f"points of {spectrum.source} to fit, and at least {FEWEST_POINTS} are needed; give a narrower band"
+        )
+    return fitted
 
 
 def _layout(wish: Measurement, file: Path) -> dict[str, Any]:

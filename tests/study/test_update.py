@@ -201,6 +201,14 @@ def test_wrong_input_is_one_sentence(sweeps, write_specimen_of, tmp_path, change
     assert not out.exists()
 
 
+@pytest.mark.parametrize(("band", "left"), [("100, 200e3", 0), ("400, 138e3", 4)])
+def test_a_held_out_band_that_leaves_nothing_to_fit_is_named(sweeps, write_specimen_of, tmp_path, band, left):
+    spec = write_specimen_of("k31", sweeps["k31"], TRIO, more=f"held_out = [{band}]")
+    answer = invoked("update", spec, "--out", tmp_path / "out")
+    assert answer.exit_code == 2 and answer.output.strip().count("\n") == 0
+    assert "measurement.held_out = [" in answer.output and f"leaves {left} of 61 points" in answer.output
+
+
 def test_a_sweep_without_its_fundamental_is_refused(sweeps, write_specimen_of, tmp_path):
     """The band ends below the resonance."""
     sweep = sweeps["k31"]
