@@ -24,7 +24,7 @@ from femu_piezo.measurement.instruments import (
     read_keysight,
 )
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.measurement.tables import Table, decode, read_table
+from femu_piezo.measurement.tables import Table, decode, read_table_with_words
 from femu_piezo.measurement.touchstone import Connection, is_touchstone, read_touchstone
 
 #: Bands of frequency (low, high), Hz.
@@ -106,7 +106,7 @@ def _read(path: Path, connection: Connection | None, columns: Sequence[str] | No
     elif is_formatted_trace(lines):
         table = read_formatted_trace(lines, source, columns)
     else:
-        table = read_table(lines, source, names=columns)
+        table, notes = read_table_with_words(lines, source, columns)
     return _spectrum(table, source, notes)
 
 

@@ -18,6 +18,7 @@ _COMMA = re.compile(r"[+-]?(?:(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?|nan|inf(?:inity
 _QUOTED_COMMA = re.compile(r'(?<=")\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*(?=")')
 _COMMENT = ("#", "%", "!", "//")
 _HEADER_LINES = 100
+_LONGEST_ROW = 100_000
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,79 @@ def read_table(lines: list[str], source: str, first_line: int = 1, names: Sequen
             f'{values.shape[1]} numbers; name each, with "" for a column that is not used'
         )
     return Table(list(names), values, numbers)
+
+
+def read_table_with_words(
+    lines: list[str], source: str, names: Sequence[str] | None = None
+) -> tuple[Table, tuple[str, ...]]:
+    """`read_table` of a file in which columns may hold words in every row, such as the verdict of a limit test.
+
+    Such a column is left out if its name is that of no quantity; a note says so.
+    """
+    lines = _with_points(lines, source)
+    found = None if any(_delimiter(line) for line in lines) else _rows_with_words(lines)
+    if found is None:
+        return read_table(lines, source, names=names), ()
+    delimiter, rows = found
+    start, width = min(rows), len(next(iter(rows.values())))
+    if names is None:
+        names = _find_names(lines[max(0, start - _HEADER_LINES) : start], delimiter, width, source)
+    elif len(names) != width:
+        raise InputError(
+            f"{source}: the key columns names {len(names)} columns ({', '.join(names)[:80]}), and the rows have "
+            f'{width}; name each, with "" for a column that is not used'
+        )
+    words = [column for column in range(width) if not any(_is_number(row[column], delimiter) for row in rows.values())]
+    for column in words:
+        if parse_column(names[column]):
+            raise InputError(
+                f"{source}, line {start + 1}: the column {names[column][:40]!r} holds words in every row, the first is "
+                f"{rows[start][column][:40]!r}; export its numbers"
+            )
+    kept = [column for column in range(width) if column not in words]
+    wrong = next((rows[start][column] for column in kept if not _is_number(rows[start][column], delimiter)), None)
+    if wrong is not None:
+        raise InputError(f"{source}, line {start + 1}: {wrong[:40]!r} is not a number; correct or remove this line")
+    lines = list(lines)
+    for number, row in rows.items():
+        lines[number] = (delimiter or " ").join(row[column] for column in kept)
+    table = read_table(lines, source, names=[names[column] for column in kept])
+    named = [names[column][:40] for column in words if names[column]]
+    return table, tuple(f"the column {name!r} holds words and is not used" for name in named)
+
+
+def _rows_with_words(lines: list[str]) -> tuple[str | None, dict[int, list[str]]] | None:
+    """Delimiter and rows (index of the line → cells) of a table that ends the lines; None where there is none.
+
+    Every row has at least one number, and two columns or more have numbers.
+    """
+    every = [(i, line) for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(_COMMENT)]
+    for delimiter in (";", "\t", ",", None):
+        rows: dict[int, list[str]] = {}
+        for number, line in reversed(every):
+            cells = _all_cells(line, delimiter)
+            if rows and len(cells) != len(next(iter(rows.values()))):
+                break
+            if not any(_is_number(cell, delimiter) for cell in cells):
+                break
+            rows[number] = cells
+        columns = list(zip(*rows.values(), strict=True))
+        while columns and not any(columns[-1]):
+            columns.pop()
+        if sum(any(_is_number(cell, delimiter) for cell in column) for column in columns) >= 2:
+            return delimiter, {number: cells[: len(columns)] for number, cells in rows.items()}
+    return None
+
+
+def _all_cells(line: str, delimiter: str | None) -> list[str]:
+    """Cells of a row without quotes, empty ones included."""
+    if delimiter is not None and '"' in line and len(line) < _LONGEST_ROW:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
+    return [cell.strip().strip('"').strip() for cell in line.strip(None if delimiter != "\t" else " ").split(delimiter)]
+
+
+def _is_number(cell: str, delimiter: str | None) -> bool:
+    return bool(_POINT.fullmatch(cell) or (delimiter != "," and _COMMA.fullmatch(cell)))
 
 
 def _with_points(lines: list[str], source: str) -> list[str]:

@@ -153,6 +153,56 @@ def test_a_row_of_units_below_the_names(tmp_path: Path) -> None:
     assert_same(read_text(tmp_path, "\n".join(["Frequency\tR\tX", "kHz\tOhm\tOhm", *rows, ""])))
 
 
+def rows_with_words(delimiter: str = ",") -> list[str]:
+    """Rows of a list sweep with a number in front and the verdict of a limit test at the end."""
+    pair = columns_of(FREQUENCY, IMPEDANCE, "z_deg")
+    return [
+        delimiter.join(map(str, (number, *values, "OK" if number % 3 else "NG")))
+        for number, values in enumerate(zip(FREQUENCY.tolist(), *(one.tolist() for one in pair), strict=True), 1)
+    ]
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize("comma", [False, True])
+@pytest.mark.parametrize("end", ["\n", ",\n"])
+def test_a_column_of_words_is_left_out_with_a_note(tmp_path: Path, delimiter: str, comma: bool, end: str) -> None:
+    rows = rows_with_words(delimiter)
+    if comma and delimiter != ",":
+        rows = [row.replace(".", ",") for row in rows]
+    head = ["HIOKI,IM3570", "Date,2024/01/01", delimiter.join(("No", "FREQ[Hz]", "Z[ohm]", "PHASE[deg]", "JUDGE"))]
+    end = end.replace(",", delimiter)
+    spectrum = read_text(tmp_path, end.join([*head, *rows, ""]))
+    assert_same(spectrum)
+    assert spectrum.notes[0] == "the column 'JUDGE' holds words and is not used"
+
+
+def test_words_in_columns_of_numbers_are_told(tmp_path: Path) -> None:
+    """One word among numbers is named with its line, also where another column holds words alone."""
+    rows, names = rows_with_words(), ["", "f (Hz)", "Z (ohm)", "theta (deg)", ""]
+    head = "No,FREQ[Hz],Z[ohm],PHASE[deg],JUDGE"
+    assert_same(read_text(tmp_path, "\n".join([*rows, ""]), columns=names))
+    for at in (0, 5):
+        cells = rows[at].split(",")
+        lines = [head, *rows[:at], ",".join([*cells[:2], "OVLD", *cells[3:]]), *rows[at + 1 :], ""]
+        with pytest.raises(InputError, match=f"line {at + 2}: 'OVLD' is not a number"):
+            read_text(tmp_path, "\n".join(lines))
+    for text, options, told in (
+        (
+            [head.replace("JUDGE", "X (ohm)"), *rows],
+            {},
+            r"line 2: the column 'X \(ohm\)' holds words in every row",
+        ),
+        (rows, {"columns": names[1:4]}, "names 3 columns .* and the rows have 5"),
+        (rows, {}, "header must say what the 5 columns are"),
+    ):
+        with pytest.raises(InputError, match=told):
+            read_text(tmp_path, "\n".join([*text, ""]), **options)
+    numbers = [",".join(row.split(",")[:4]) for row in rows]
+    numbers[7] = numbers[7].replace(numbers[7].split(",")[2], "OVLD")
+    with pytest.raises(InputError, match="line 9: 'OVLD' is not a number"):
+        read_text(tmp_path, "\n".join(["No,FREQ[Hz],Z[ohm],PHASE[deg]", *numbers, ""]))
+
+
 @pytest.mark.parametrize(
     ("header", "told"),
     [
