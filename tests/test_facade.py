@@ -156,7 +156,41 @@ def test_arrays_are_checked_as_files_are(specimen, sweep):
     with pytest.raises(fp.InputError, match="zero"):
         fp.ImpedanceSpectrum.from_conductance_susceptance([1.0, 2.0], [1.0, 0.0], [1.0, 0.0])
     with pytest.raises(fp.InputError, match="shapes"):
-        fp.ImpedanceSpectrum.from_impedance([1.0, 2.0], [1.0])
+        fp.ImpedanceSpectrum.from_impedance([[1.0, 2.0]], [[1.0, 2.0]])
+
+
+@pytest.mark.parametrize("lengths", [(3, 3, 2), (3, 2, 3), (2, 3, 3), (1, 3, 3)])
+def test_columns_of_unequal_lengths_are_told_with_these(lengths):
+    f, a, b = (np.arange(1.0, size + 1).tolist() for size in lengths)
+    make = fp.ImpedanceSpectrum
+    for one, names in (
+        (make.from_resistance_reactance, ("resistance_ohm", "reactance_ohm")),
+        (make.from_magnitude_phase, ("magnitude_ohm", "phase")),
+        (make.from_conductance_susceptance, ("conductance_S", "susceptance_S")),
+        (
+            lambda f, z, std, **more: make.from_impedance(f, z, relative_noise=std, **more),
+            ("impedance_ohm", "relative_n"),
+        ),
+    ):
+        with pytest.raises(
+            fp.InputError, match=f"^plate 7: .* frequency_Hz has {lengths[0]}, {names[0]} has {lengths[1]}"
+        ):
+            one(f, a, b, source="plate 7")
+    assert len(make.from_magnitude_phase([1e3, 2e3], 50.0, [1.0, 2.0])) == 2
+
+
+def test_phases_in_radians_given_as_degrees_are_refused(sweep):
+    """With resonances, off them, and with the error of a phase; not those of a resistor with some inductance."""
+    z, make = sweep.impedance, fp.ImpedanceSpectrum.from_magnitude_phase
+    off = slice(0, 20)
+    for part in (slice(None), off):
+        with pytest.raises(fp.InputError, match=r"as radians do near π/2 = 1\.571.*degrees = False"):
+            make(sweep.frequency[part], np.abs(z[part]), np.angle(z[part]) + 0.01)
+        make(sweep.frequency[part], np.abs(z[part]), np.angle(z[part], deg=True))
+        make(sweep.frequency[part], np.abs(z[part]), np.angle(z[part]), degrees=False)
+    load = 100 + 2j * np.pi * sweep.frequency * 1.7e-6
+    assert 1.2 < np.max(np.angle(load, deg=True)) < 1.6
+    assert len(make(sweep.frequency, np.abs(load), np.angle(load, deg=True))) == len(sweep)
 
 
 def test_update_of_a_sweep_in_memory_is_that_of_the_file(specimen, sweep, updated, tmp_path):

@@ -188,6 +188,11 @@ def choose_columns(names: list[str], columns: list[Column | None], source: str) 
     return Layout(kinds.index("frequency"), kinds.index(pair[0]), kinds.index(pair[1]), pair, noise)
 
 
+def reach_half_pi(phases: np.ndarray) -> bool:
+    """Whether phases (n,) reach about π/2 and no more, as those of a capacitor in radians do."""
+    return bool(1.2 < np.nanmax(np.abs(phases), initial=0.0) < 1.6)
+
+
 def angle_scale(values: np.ndarray, column: Column, source: str) -> float:
     """The factor to radian of a phase column, from its unit, or from its values (n,) where it names none.
 
@@ -201,7 +206,7 @@ def angle_scale(values: np.ndarray, column: Column, source: str) -> float:
             return column.scale
         raise InputError(f"{source}: the phase column names no unit; write theta (deg) or theta (rad) in its header")
     degrees = abs(column.scale) == np.pi / 180
-    if degrees and 1.2 < largest < 1.6:
+    if degrees and reach_half_pi(values):
         raise InputError(
             f"{source}: the header says degrees, but the phases reach {largest:.4g} at most, as radians do near π/2 = "
             "1.571; write theta (rad) in the header if they are radians"

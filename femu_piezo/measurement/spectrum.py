@@ -8,9 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from femu_piezo.errors import InputError
+from femu_piezo.measurement.columns import reach_half_pi
 
 #: Endings of the names of files that may be sweeps.
 ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn", ".s1p", ".s2p", ".y1p", ".z1p")
+
+_SOURCE = "sweep"
+#: Ratio of the largest |Z| to the least (without a tenth of the points) of a piece that is no resistor. Where the phase
+#: is φ degrees, |Z| varies with the power φ/90 of the frequency (Bode): within 1.6° by a fifth over four decades.
+_VARYING = 1.25
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,7 +51,7 @@ class ImpedanceSpectrum:
         impedance_ohm: ArrayLike,
         *,
         relative_noise: ArrayLike | None = None,
-        source: str = "sweep",
+        source: str = _SOURCE,
     ) -> ImpedanceSpectrum:
         """A sweep of complex impedance (n,) over frequency (n,), sorted by frequency.
 
@@ -58,6 +64,7 @@ class ImpedanceSpectrum:
         ------
         InputError : the columns are not of one length, or a frequency repeats or is not positive
         """
+        _refuse_unequal(source, frequency_Hz=frequency_Hz, impedance_ohm=impedance_ohm, relative_noise=relative_noise)
         frequency = np.asarray(frequency_Hz, dtype=float)
         impedance = np.asarray(impedance_ohm, dtype=complex)
         noise = None if relative_noise is None else np.asarray(relative_noise, dtype=float) * np.abs(impedance)
@@ -74,6 +81,8 @@ class ImpedanceSpectrum:
         cls, frequency_Hz: ArrayLike, resistance_ohm: ArrayLike, reactance_ohm: ArrayLike, **options
     ) -> ImpedanceSpectrum:
         """A sweep of R and X, (n,) each; `options` as of `from_impedance`."""
+        columns = {"frequency_Hz": frequency_Hz, "resistance_ohm": resistance_ohm, "reactance_ohm": reactance_ohm}
+        _refuse_unequal(options.get("source", _SOURCE), **columns)
         impedance = np.asarray(resistance_ohm, dtype=float) + 1j * np.asarray(reactance_ohm, dtype=float)
         return cls.from_impedance(frequency_Hz, impedance, **options)
 
@@ -81,15 +90,28 @@ class ImpedanceSpectrum:
     def from_magnitude_phase(
         cls, frequency_Hz: ArrayLike, magnitude_ohm: ArrayLike, phase: ArrayLike, *, degrees: bool = True, **options
     ) -> ImpedanceSpectrum:
-        """A sweep of |Z| and phase, (n,) each, the phase in degrees or rad; `options` as of `from_impedance`."""
-        angle = np.asarray(phase, dtype=float) * (np.pi / 180 if degrees else 1.0)
-        return cls.from_impedance(frequency_Hz, np.asarray(magnitude_ohm, dtype=float) * np.exp(1j * angle), **options)
+        """A sweep of |Z| and phase, (n,) each, the phase in degrees or rad; `options` as of `from_impedance`.
+
+        Phases in radians that are given as degrees are refused.
+        """
+        source = options.get("source", _SOURCE)
+        _refuse_unequal(source, frequency_Hz=frequency_Hz, magnitude_ohm=magnitude_ohm, phase=phase)
+        angle, magnitude = np.asarray(phase, dtype=float), np.asarray(magnitude_ohm, dtype=float)
+        if degrees and reach_half_pi(angle) and _varies(magnitude):
+            raise InputError(
+                f"{source}: the phases reach {np.nanmax(np.abs(angle)):.4g} at most, as radians do near π/2 = 1.571, "
+                "and no piece with phases of so few degrees has a |Z| that varies so; give degrees = False for radians"
+            )
+        angle = np.radians(angle) if degrees else angle
+        return cls.from_impedance(frequency_Hz, magnitude * np.exp(1j * angle), **options)
 
     @classmethod
     def from_conductance_susceptance(
         cls, frequency_Hz: ArrayLike, conductance_S: ArrayLike, susceptance_S: ArrayLike, **options
     ) -> ImpedanceSpectrum:
         """A sweep of G and B, (n,) each, siemens; `options` as of `from_impedance`."""
+        columns = {"frequency_Hz": frequency_Hz, "conductance_S": conductance_S, "susceptance_S": susceptance_S}
+        _refuse_unequal(options.get("source", _SOURCE), **columns)
         admittance = np.asarray(conductance_S, dtype=float) + 1j * np.asarray(susceptance_S, dtype=float)
         if np.any(admittance == 0):
             raise InputError(f"{int(np.sum(admittance == 0))} admittances are zero; remove these points")
@@ -140,6 +162,23 @@ class ImpedanceSpectrum:
     def band(self, low: float, high: float) -> ImpedanceSpectrum:
         """The points with low ≤ frequency ≤ high (Hz)."""
         return self.select((self.frequency >= low) & (self.frequency <= high))
+
+
+def _refuse_unequal(source: str, **columns: ArrayLike | None) -> None:
+    """InputError where lists of values are not of one length; a single number stands for a whole column."""
+    sizes = {name: np.shape(values)[0] for name, values in columns.items() if values is not None and np.ndim(values)}
+    if len(set(sizes.values())) > 1:
+        told = ", ".join(f"{name} has {size}" for name, size in sizes.items())
+        raise InputError(
+            f"{source}: the columns are of unequal lengths: {told}; give one value of each for every point"
+        )
+
+
+def _varies(magnitude: np.ndarray) -> bool:
+    """Whether |Z| (n,) varies by more than a resistor's."""
+    finite = magnitude[np.isfinite(magnitude)]
+    low, high = np.quantile(finite, [0.05, 0.95]) if finite.size else (1.0, 1.0)
+    return bool(high > _VARYING * low > 0)
 
 
 def evenly(count: int, most: int) -> np.ndarray:
