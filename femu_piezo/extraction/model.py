@@ -7,9 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.linalg import eigvals
 
 NEWTON_STEPS = 6
+#: Background, of charges of the order of 1, that stands for one of zero.
+_NOTHING = 1e-30
 #: Least number of polynomials of a sweep that are computed at once and cached.
 _DEGREES = 16
 
@@ -121,28 +122,25 @@ class RationalModel:
 
         With w_m = T_0/(z_m − x) a root x is an eigenvalue, and (T_0 … T_{d−1}, w) its vector, of
 
-            x T_0 = T_1,    2x T_k = T_{k−1} + T_{k+1},    x w_m = z_m w_m − T_0,
-            2x b_d T_{d−1} = b_d T_{d−2} − Σ_{k<d} b_k T_k − Σ_m r_m w_m
+            x T_0 = T_1,    x T_k = (T_{k−1} + T_{k+1})/2,    x w_m = z_m w_m − T_0,
+            x T_{d−1} = T_{d−2}/2 − (Σ_{k<d} b_k T_k + Σ_m r_m w_m)/(2 b_d),    d > 1
 
-        (x b_1 T_0 = −b_0 T_0 − Σ_m r_m w_m for d = 1). Newton steps on the charge function itself polish the roots: a
-        polynomial over all poles would lose them in its rounding.
+        and x T_0 = −(b_0 T_0 + Σ_m r_m w_m)/b_1 for d = 1, x w_m = z_m w_m + Σ_n r_n w_n/b_0 for d = 0. Newton steps on
+        the charge function itself polish the roots: a polynomial over all poles would lose them in its rounding.
         """
-        m, d = self.poles.size, max(self.background.size - 1, 1)
-        b = np.zeros(d + 1, dtype=complex)
-        b[: self.background.size] = self.background
-        left, right = np.zeros((2, d + m, d + m), dtype=complex)
-        for k in range(d - 1):
-            left[k, k + 1], right[k, k] = 1.0, 2.0 if k else 1.0
-            if k:
-                left[k, k - 1] = 1.0
-        left[d - 1, :d], left[d - 1, d:] = -b[:d], -self.residues
-        right[d - 1, d - 1] = 2 * b[d] if d > 1 else b[d]
-        if d > 1:
-            left[d - 1, d - 2] += b[d]
-        modes = np.arange(d, d + m)
-        left[modes, modes], left[modes, 0], right[modes, modes] = self.poles, -1.0, 1.0
-        roots = eigvals(left, right)
-        return self._polished(roots[np.isfinite(roots)])
+        b, m = np.trim_zeros(self.background, "b"), self.poles.size
+        d = b.size - 1
+        if d < 1:
+            whole = b[0] if b.size else _NOTHING
+            return self._polished(np.linalg.eigvals(np.diag(self.poles) + self.residues / whole))
+        matrix = np.zeros((d + m, d + m), dtype=complex)
+        matrix[:d, :d] = (np.eye(d, k=1) + np.eye(d, k=-1)) / 2
+        matrix[0, :d] *= 2  # T_1 = x T_0
+        first = 2 * b[d] if d > 1 else b[d]
+        matrix[d - 1, :d] -= b[:d] / first
+        matrix[d - 1, d:] = -self.residues / first
+        matrix[d:, d:], matrix[d:, 0] = np.diag(self.poles), -1.0
+        return self._polished(np.linalg.eigvals(matrix))
 
     def _polished(self, roots: np.ndarray) -> np.ndarray:
         """Roots (n,) after Newton steps; a root from which the steps lead away stays where it was."""

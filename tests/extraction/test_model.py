@@ -236,3 +236,26 @@ def test_all_zeros_of_many_poles_are_found():
     apart = np.abs(zeros[:, None] - zeros) + np.eye(35)
     assert np.min(apart) > 1e-6
     assert np.max(np.abs(model.charge(zeros) / model.charge_slope(zeros)) / (1e-3 + np.abs(zeros + 1))) < 1e-9
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_zeros_of_every_degree_of_background(degree):
+    """As many as poles and degrees together, each a root; without poles those of the background alone."""
+    background = np.array([0.7 - 0.01j, 0.1 + 0.02j, -0.03j, 0.02])[: degree + 1]
+    whole = replace(two_modes(), background=background)
+    bare = replace(whole, poles=np.zeros(0, complex), residues=np.zeros(0, complex))
+    for model, count in ((whole, 2 + degree), (bare, degree)):
+        zeros = model.zeros()
+        assert zeros.size == count and np.all(np.abs(model.charge(zeros)) < 1e-12)
+        assert count < 2 or np.min(np.abs(zeros[:, None] - zeros) + np.eye(count)) > 1e-3
+
+
+def test_zeros_of_terms_that_cancel():
+    """Two near poles and a background of degree 12, all of 1e7, as fits of distorted sweeps have: all 14 zeros."""
+    degrees = np.arange(13)
+    background = 2e7 * np.exp(-1.4 * degrees) * np.exp(2j * degrees)
+    residues = 7e7 * np.array([1, -1.001 + 0.002j])
+    model = replace(two_modes(), poles=np.array([0.1 + 0.03j, 0.14 + 0.06j]), residues=residues, background=background)
+    zeros = model.zeros()
+    assert zeros.size == 14 and np.min(np.abs(zeros[:, None] - zeros) + np.eye(14)) > 1e-3
+    assert np.max(np.abs(model.charge(zeros) / model.charge_slope(zeros))) < 1e-7
