@@ -11,7 +11,7 @@ ROOT = Path(femu_piezo.__file__).parent
 
 #: Layers from the bottom; a module may import its own layer and those below.
 LAYERS = (
-    {"errors", "units", "files", "resonances", "threads", "steps"},
+    {"errors", "units", "files", "resonances", "threads", "steps", "interpolation"},
     {"specimen"},
     {"material"},
     {"measurement", "geometry"},

@@ -69,7 +69,8 @@ def run_batch(
     except KeyboardInterrupt:
         words = ", ".join(done.values()) or "nothing"
         return f"femu-piezo: interrupted with {words} done; run the same command to continue\n", 130
-    from femu_piezo.batch.report import lot_text, write_report
+    from femu_piezo.batch.lot import lot_text
+    from femu_piezo.batch.report import write_report
 
     text = lot_text(write_report(result, out))
     text += f"{result.computed} computed now, {result.kept} kept → {out / 'table.csv'}\n"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from femu_piezo.batch.lot import Lot, lot_of
-from femu_piezo.batch.lot import lot_text as lot_text
+from femu_piezo.batch.lot import Lot, lot_of, lot_text
 from femu_piezo.batch.lot_figure import lot_figure
 from femu_piezo.batch.run import LotResult
 from femu_piezo.files import write_atomically

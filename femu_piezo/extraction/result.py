@@ -15,7 +15,7 @@ from femu_piezo.extraction.order import Candidate
 from femu_piezo.extraction.roots import Pair, fundamental
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance, ResonanceSet
-from femu_piezo.standards.figures import STATED, StandardFigures, read_curve, standard_figures
+from femu_piezo.standards.figures import StandardFigures, read_curve, standard_figures
 from femu_piezo.standards.piece import Piece
 from femu_piezo.threads import made_once
 
@@ -69,18 +69,22 @@ class Extraction:
             return None
         piece = Piece("other", 1.0, None, None, 1.0)
         points = (self.spectrum.frequency, self.spectrum.impedance)
-        reading = read_curve(self.model.admittance, points, pair.pole, pair.zero, piece)
-        relative = self._noise / np.abs(self.spectrum.impedance)
-        noise = float(np.interp(STATED, self.spectrum.frequency, relative))
-        return standard_figures(piece, reading, pair.pole, pair.zero, noise=noise)
+        noise = self.relative_noise_of(self.spectrum)
+        reading = read_curve(self.model.admittance, points, pair.pole, pair.zero, piece, noise=noise)
+        return standard_figures(piece, reading, pair.pole, pair.zero)
 
-    @property
-    def _noise(self) -> np.ndarray:
-        """(n,) standard deviation of Z, ohm: that of the file, or as it was learned; 0 where neither is known."""
-        z = self.spectrum.impedance
-        if self.spectrum.noise is not None:
-            return self.spectrum.noise
-        return np.zeros(z.size) if self.noise is None else self.noise.std(z)
+    def relative_noise_of(self, spectrum: ImpedanceSpectrum) -> np.ndarray:
+        """(n,) standard deviation of the relative error of a part of the sweep, sqrt(E|δZ/Z|²).
+
+        That of the file, else as it was learned, else 0.1 %.
+        """
+        if spectrum.noise is not None:
+            sigma = spectrum.noise
+        elif self.noise is not None:
+            sigma = self.noise.std(spectrum.impedance)
+        else:
+            sigma = 1e-3 * np.abs(spectrum.impedance)
+        return sigma / np.abs(spectrum.impedance)
 
     @property
     def status(self) -> str:

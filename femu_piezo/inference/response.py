@@ -13,7 +13,6 @@ from functools import lru_cache
 from hashlib import blake2b
 
 import numpy as np
-from scipy.interpolate import BarycentricInterpolator
 from scipy.linalg import block_diag
 
 from femu_piezo.effects.effect import Effect, LocalHook, LocalTerm
@@ -21,6 +20,7 @@ from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.inference.coefficients import Active, Coefficients, active_effects, collect, e_form_constants
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.interpolation import chebyshev_nodes
 from femu_piezo.measurement.spectrum import evenly
 from femu_piezo.threads import blas_limit, made_once
 
@@ -233,8 +233,7 @@ def _smooth_nodes(omegas: bytes, dtype: np.dtype) -> tuple[float, np.ndarray, np
     """End of a sweep in ω², nodes in ω² up to it, and the weights (k, nodes) that interpolate between nodes; kept."""
     omega = np.frombuffer(omegas, dtype)
     top = float(np.max(np.abs(omega)) ** 2)
-    at = top / 2 * (1 + np.cos(np.pi * (np.arange(_SMOOTH) + 0.5) / _SMOOTH))
-    return top, at, BarycentricInterpolator(at, np.eye(_SMOOTH), rng=0)(omega**2)
+    return top, *chebyshev_nodes(0.0, top, _SMOOTH, omega**2)
 
 
 def _quadratic_tangents(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -393,6 +392,6 @@ def _interpolated(along: np.ndarray, weights: np.ndarray, tangents: np.ndarray) 
 
 def _nodes(omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies of the nodes, and the weights (k, nodes) that interpolate from them in log ω."""
-    low, high = np.log([omega.min(), omega.max()])
-    at = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
-    return np.exp(at), BarycentricInterpolator(at, np.eye(_NODES), rng=0)(np.log(omega))
+    along = np.log(omega)
+    at, weights = chebyshev_nodes(along.min(), along.max(), _NODES, along)
+    return np.exp(at), weights

@@ -88,11 +88,8 @@ def read_table(lines: list[str], source: str, first_line: int = 1, names: Sequen
     _refuse_cut_last_line(lines, body, delimiter, int(numbers[-1]), source)
     if names is None:
         names = _find_names(lines[max(0, start - _HEADER_LINES) : start], delimiter, values.shape[1], source)
-    elif len(names) != values.shape[1]:
-        raise InputError(
-            f"{source}: the key columns names {len(names)} columns ({', '.join(names)[:80]}), and the rows have "
-            f'{values.shape[1]} numbers; name each, with "" for a column that is not used'
-        )
+    else:
+        _check_count(names, values.shape[1], " numbers", source)
     return Table(list(names), values, numbers)
 
 
@@ -103,19 +100,18 @@ def read_table_with_words(
 
     Such a column is left out if its name is that of no quantity; a note says so.
     """
+    if any(_delimiter(line) for line in lines):
+        return read_table(lines, source, names=names), ()
     lines = _with_points(lines, source)
-    found = None if any(_delimiter(line) for line in lines) else _rows_with_words(lines)
+    found = _rows_with_words(lines)
     if found is None:
         return read_table(lines, source, names=names), ()
     delimiter, rows = found
     start, width = min(rows), len(next(iter(rows.values())))
     if names is None:
         names = _find_names(lines[max(0, start - _HEADER_LINES) : start], delimiter, width, source)
-    elif len(names) != width:
-        raise InputError(
-            f"{source}: the key columns names {len(names)} columns ({', '.join(names)[:80]}), and the rows have "
-            f'{width}; name each, with "" for a column that is not used'
-        )
+    else:
+        _check_count(names, width, "", source)
     words = [column for column in range(width) if not any(_is_number(row[column], delimiter) for row in rows.values())]
     for column in words:
         if parse_column(names[column]):
@@ -167,6 +163,15 @@ def _all_cells(line: str, delimiter: str | None) -> list[str]:
 
 def _is_number(cell: str, delimiter: str | None) -> bool:
     return bool(_POINT.fullmatch(cell) or (delimiter != "," and _COMMA.fullmatch(cell)))
+
+
+def _check_count(names: Sequence[str], width: int, what: str, source: str) -> None:
+    """InputError where the names of columns that a file is read with are not as many as its columns."""
+    if len(names) != width:
+        raise InputError(
+            f"{source}: the key columns names {len(names)} columns ({', '.join(names)[:80]}), and the rows have "
+            f'{width}{what}; name each, with "" for a column that is not used'
+        )
 
 
 def _with_points(lines: list[str], source: str) -> list[str]:

@@ -7,7 +7,7 @@ curve of the finite element model, relative to the constants from which that cur
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -71,12 +71,13 @@ MEANING = {
 class CurveFigures:
     """The figures of one curve: name → value, SI; `notes` say where the capacitance and σ are from.
 
-    `poisson` is the σ that the formulas of a disk used.
+    `poisson` is the σ that the formulas of a disk used; `std` has the deviations of what was read from a noisy point.
     """
 
     values: dict[str, float]
     notes: tuple[str, ...]
     poisson: float
+    std: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -168,6 +169,7 @@ def read_curve(
     zero: Resonance,
     piece: Piece,
     overtone: Resonance | None = None,
+    noise: np.ndarray | None = None,
 ) -> CurveFigures:
     """The figures of one curve about one pole and its zero.
 
@@ -176,6 +178,7 @@ def read_curve(
     admittance : Y (n,) in siemens at ω (n,) in rad/s, smooth
     points : frequencies (n,) Hz and impedances (n,) ohm, for capacitance and loss at low frequency
     overtone : pole of the second radial mode of a disk, from which σ follows; the σ of `piece` is taken where None
+    noise : (n,) relative standard deviation of the impedances, sqrt(E|δZ/Z|²); None for a curve without noise
     """
     band = (float(points[0][0]), float(points[0][-1]))
     lossy = pole.loss > LEAST_LOSS and zero.loss > LEAST_LOSS
@@ -199,9 +202,17 @@ def read_curve(
         "tan_delta": low.tangent,
         **piece.figures(fs, fp, free),
     }
-    return CurveFigures(
-        {name: float(value) for name, value in values.items() if value is not None}, notes + low.notes, piece.poisson
-    )
+    known = {name: float(value) for name, value in values.items() if value is not None}
+    relative = 0.0 if noise is None else float(np.interp(low.frequency_Hz, points[0], noise)) / np.sqrt(2)
+    return CurveFigures(known, notes + low.notes, piece.poisson, _reading_deviations(known, relative))
+
+
+def _reading_deviations(values: dict[str, float], relative: float) -> dict[str, float]:
+    """Deviations of C, ε33T and tan δ, where the real and the imaginary part of one reading have a relative one."""
+    if not relative:
+        return {}
+    found = {name: abs(values[name]) * relative for name in ("C_T", "eps33T") if name in values}
+    return found | ({"tan_delta": relative} if "tan_delta" in values else {})
 
 
 def standard_figures(
@@ -211,7 +222,6 @@ def standard_figures(
     zero: Resonance,
     model: CurveFigures | None = None,
     constants: PiezoConstants | None = None,
-    noise: float = 0.0,
 ) -> StandardFigures:
     """The figures of a sweep together with those of a finite element model.
 
@@ -220,10 +230,9 @@ def standard_figures(
     measured, model : of the measured and of the computed curve; None where there is no computed one
     pole, zero : measured; the frequencies have their standard deviations, to first order in the loss
     constants : of the material, from which the curve of the model was computed
-    noise : relative standard deviation of Z, sqrt(E|δZ/Z|²), where capacitance and loss tangent are read
     """
     material = {} if constants is None else material_figures(constants)
-    deviations = _deviations(measured, pole, zero, noise)
+    deviations = _deviations(measured, pole, zero)
     names = [*measured.values, *(name for name in (model.values if model else {}) if name not in measured.values)]
     by_formula = set(piece.figures(1.0, 1.2, 1.0)) if piece.kind != "other" else set()
     figures = []
@@ -239,14 +248,9 @@ def standard_figures(
     return StandardFigures(WORDS[piece.kind], tuple(figures), piece.aspect, measured.notes)
 
 
-def _deviations(measured: CurveFigures, pole: Resonance, zero: Resonance, noise: float) -> dict[str, float]:
-    """Standard deviations: of frequencies and 1/η from those of pole and zero; of C, ε33T and tan δ from the noise."""
-    found = {
-        name: abs(measured.values[name]) * noise / np.sqrt(2) for name in ("C_T", "eps33T") if name in measured.values
-    }
-    if "tan_delta" in measured.values:
-        found["tan_delta"] = noise / np.sqrt(2)
-    found = {name: std for name, std in found.items() if std > 0}
+def _deviations(measured: CurveFigures, pole: Resonance, zero: Resonance) -> dict[str, float]:
+    """Standard deviations of the frequencies and of 1/η from those of pole and zero, and those of the reading."""
+    found = dict(measured.std)
     for one, names, quality in ((pole, ("fs", "fm", "fr"), "Qm_pole"), (zero, ("fp", "fn", "fa"), "Qm_zero")):
         if one.std_Hz is not None:
             found |= {name: one.std_Hz for name in names if name in measured.values}
@@ -256,8 +260,9 @@ def _deviations(measured: CurveFigures, pole: Resonance, zero: Resonance, noise:
 
 @dataclass(frozen=True)
 class _Low:
-    """Result of the low end of a sweep: loss tangent, None where it starts above `_LOW` fs, and notes."""
+    """Result of the low end of a sweep: frequency, loss tangent, None where that is above `_LOW` fs, and notes."""
 
+    frequency_Hz: float
     tangent: float | None
     notes: tuple[str, ...]
 
@@ -267,7 +272,7 @@ def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float
     frequency, impedance = points
     if frequency[0] >= 0.97 * fs:
         note = "the sweep starts at the resonance, so it gives no capacitance and no figure that depends on it"
-        return None, _Low(None, (note,))
+        return None, _Low(float(frequency[0]), None, (note,))
     y = 1 / impedance
     at = STATED if frequency[0] <= STATED <= min(_LOW * fs, frequency[-1]) else float(frequency[0])
     capacitance = float(np.interp(at, frequency, y.imag / (2 * np.pi * frequency)))
@@ -277,8 +282,8 @@ def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float
         way = "the formula of the body" if piece.kind not in ("other", "thickness plate") else "that of a single mode"
         notes = (f"the sweep does not include 1 kHz: its capacitance at {at:.6g} Hz was extrapolated there by {way}",)
     if piece.kind == "thickness plate" and at > _LOW * fs:
-        return None, _Low(tangent, notes)  # lateral modes lie between this frequency and fs
-    return capacitance / piece.share(at, fs, fp), _Low(tangent, notes)
+        return None, _Low(at, tangent, notes)  # lateral modes lie between this frequency and fs
+    return capacitance / piece.share(at, fs, fp), _Low(at, tangent, notes)
 
 
 def _quality(found: CharacteristicFrequencies, fs: float, fp: float, free: float | None) -> float | None:

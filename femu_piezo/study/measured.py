@@ -73,17 +73,8 @@ class Measured:
         return self.relative_noise_of(self.fitted)
 
     def relative_noise_of(self, spectrum: ImpedanceSpectrum) -> np.ndarray:
-        """(n,) standard deviation of the relative error of a part of the sweep, sqrt(E|δZ/Z|²).
-
-        That of the file, else as the extraction learned it, else 0.1 %.
-        """
-        if spectrum.noise is not None:
-            sigma = spectrum.noise
-        elif self.extraction.noise is not None:
-            sigma = self.extraction.noise.std(spectrum.impedance)
-        else:
-            sigma = 1e-3 * np.abs(spectrum.impedance)
-        return sigma / np.abs(spectrum.impedance)
+        """(n,) standard deviation of the relative error of a part of the sweep, as `Extraction.relative_noise_of`."""
+        return self.extraction.relative_noise_of(spectrum)
 
     @property
     def low_frequency(self) -> np.ndarray:
@@ -281,9 +272,8 @@ def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pai
     """The fundamental of the sweep (`femu_piezo.extraction.roots.fundamental`); InputError where there is no pair."""
     found = fundamental(extraction.pairs)
     if found is None:
-        for finding in extraction.findings:
-            if finding.code == "lossless":
-                raise InputError(f"{spectrum.source}: {finding.sentence}")
+        if extraction.status == "lossless":
+            raise InputError(f"{spectrum.source}: {extraction.notes[0]}")
         reasons = f" ({'; '.join(extraction.notes)})" if extraction.notes else ""
         raise InputError(
             f"{spectrum.source}: no resonance with both its pole and its zero was found between "

@@ -21,14 +21,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.rational_curve import RationalCurve
 from femu_piezo.resonances import Resonance
 from femu_piezo.specimen.file import Simulation, Specimen
-from femu_piezo.standards.figures import (
-    STATED,
-    CurveFigures,
-    StandardFigures,
-    is_second_radial,
-    read_curve,
-    standard_figures,
-)
+from femu_piezo.standards.figures import CurveFigures, StandardFigures, is_second_radial, read_curve, standard_figures
 from femu_piezo.standards.piece import Piece, material_figures
 from femu_piezo.study.measured import Measured, Sweep, measure
 from femu_piezo.study.simulate import simulate
@@ -79,9 +72,9 @@ def _figures(
     spectrum, extraction = measured.spectrum, measured.extraction
     overtone = _second_radial(pair.pole, [one.pole for one in extraction.pairs])
     points = (spectrum.frequency, spectrum.impedance)
-    read = read_curve(extraction.model.admittance, points, pair.pole, pair.zero, piece, overtone)
-    noise = float(np.interp(STATED, spectrum.frequency, measured.relative_noise_of(spectrum)))
-    found = standard_figures(piece, read, pair.pole, pair.zero, _model_figures(model, piece, pair), constants, noise)
+    noise = measured.relative_noise_of(spectrum)
+    read = read_curve(extraction.model.admittance, points, pair.pole, pair.zero, piece, overtone, noise)
+    found = standard_figures(piece, read, pair.pole, pair.zero, _model_figures(model, piece, pair), constants)
     std = None if np.isnan(pair.std_k_eff) else pair.std_k_eff
     figures = tuple(replace(one, std=std) if one.name == "k_eff" else one for one in found.figures)
     return replace(found, figures=figures)

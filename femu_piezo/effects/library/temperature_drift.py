@@ -15,10 +15,10 @@ softer. The change of d and ε with temperature is not known and left out.
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import BarycentricInterpolator
 
 from femu_piezo.effects.effect import AcquisitionHook, Effect, EffectContext, EffectParameter, Reached
 from femu_piezo.effects.softening import COUPLING
+from femu_piezo.interpolation import chebyshev_nodes
 from femu_piezo.threads import in_parallel
 
 #: Share of the drift that the law misses: the temperature coefficients of d and ε, and warming at no constant rate.
@@ -44,14 +44,13 @@ def _hook(context: EffectContext) -> AcquisitionHook:
 
         # at w, and at w a step larger and smaller, for the slope of Z' in w
         each, k, z, tangents = np.concatenate([w, w + _STEP, w - _STEP]), omega.size, 0.0, 0.0
-        half = max(np.ptp(w) / 2, _NARROW)
-        nodes = (w.min() + w.max()) / 2 + half * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
+        middle, half = (w.min() + w.max()) / 2, max(np.ptp(w) / 2, _NARROW)
+        nodes, every = chebyshev_nodes(middle - half, middle + half, _NODES, each)
 
         def at_coupling(node: float) -> tuple[np.ndarray, np.ndarray]:
             return inside(np.tile(omega, 3) / each, (COUPLING, np.array([node - 1])), slopes=k)
 
-        every = BarycentricInterpolator(nodes, np.eye(_NODES), rng=0)(each).T
-        for (value, slopes), share in zip(in_parallel(at_coupling, nodes), every, strict=True):
+        for (value, slopes), share in zip(in_parallel(at_coupling, nodes), every.T, strict=True):
             z, tangents = z + share * value / each, tangents + (share / each)[:k, None] * slopes
         here, ahead, behind = z.reshape(3, k)
         return here, tangents, weights * ((ahead - behind) / (2 * _STEP))[:, None]
