@@ -136,7 +136,7 @@ class Edges:
 
     def at(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """Matrices (3, r, r) at a reach ρ, interpolated as ρ times a polynomial of ρ, and their slopes in ρ."""
-        lagrange = BarycentricInterpolator(self.reaches, np.eye(self.reaches.size))
+        lagrange = BarycentricInterpolator(self.reaches, np.eye(self.reaches.size), rng=0)
         value, slope = lagrange(reach), lagrange.derivative(reach)
         return self.matrices.combined(reach * value), self.matrices.combined(value + reach * slope)
 
