@@ -309,12 +309,12 @@ class Effect:
     @property
     def has_tolerance(self) -> bool:
         """Whether a parameter has a tolerance, so that every fit includes the effect."""
-        return bool(np.any(self.tolerance > 0))
+        return any(parameter.tolerance > 0 for parameter in self.parameters)
 
     @property
     def is_candidate(self) -> bool:
         """Whether a parameter may exceed its tolerance, so that the effect may be a cause."""
-        return bool(np.any(self.spread > self.tolerance))
+        return any(parameter.spread > parameter.tolerance for parameter in self.parameters)
 
     @property
     def bounds(self) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from femu_piezo.measurement.autoregression import Autoregression
+from femu_piezo.threads import made_once
 
 #: Bands of each sweep in the leave-band-out prediction.
 _BANDS = 10
@@ -40,7 +41,7 @@ class SweepData:
     mesh_error: np.ndarray = field(default_factory=lambda: np.zeros(0))
     noise_memory: tuple[Autoregression, ...] = ()
 
-    @property
+    @made_once
     def sweeps(self) -> list[np.ndarray]:
         """Indices of the points of each sweep."""
         return np.split(np.arange(self.impedance.size), np.cumsum(self.sizes)[:-1])
