@@ -107,14 +107,15 @@ def diagnosis_columns(result: Diagnosis) -> dict[str, Value]:
 
 
 def _diagnosis_words(word: str, causes) -> str:
+    from femu_piezo.output.wording import sizes
+
     named = []
     for cause in causes:
-        parameters = zip(cause.effect.parameters, cause.values, cause.std, strict=True)
-        sizes = (f"{p.name} {v:.4g} ± {std:.2g}{p.after_number}" for p, v, std in parameters)
+        size = sizes(cause.effect, cause.values, cause.std)
         alike = f", indistinguishable from {', '.join(cause.indistinguishable_from)}" * bool(
             cause.indistinguishable_from
         )
-        named.append(f"{cause.effect.title} ({', '.join(sizes)}; probability {cause.probability:.2f}{alike})")
+        named.append(f"{cause.effect.title} ({size}; probability {cause.probability:.2f}{alike})")
     if word == "none":
         return "the simulation explains the sweep within the noise"
     if word == "unknown":

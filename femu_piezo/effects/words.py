@@ -21,9 +21,14 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def quantity(parameter: EffectParameter, value: float, std: float | None = None) -> str:
     """A parameter of an effect with its deviation, in a readable unit."""
-    if parameter.unit == "1" and (parameter.name in _SHARES or parameter.name in CONSTANTS):
+    return readable(parameter.name, parameter.unit, value, std)
+
+
+def readable(name: str, si_unit: str, value: float, std: float | None = None) -> str:
+    """The same of a parameter by its name and SI unit."""
+    if si_unit == "1" and (name in _SHARES or name in CONSTANTS):
         return f"{number(100 * value, None if std is None else 100 * std)} %"
-    unit, factor = _UNITS.get(parameter.unit, (re.sub(r"\^([23])(?!\d)", _superscript, parameter.unit), 1.0))
+    unit, factor = _UNITS.get(si_unit, (re.sub(r"\^([23])(?!\d)", _superscript, si_unit), 1.0))
     size = factor * max(abs(value), std or 0.0)
     thousands = 3 * math.floor(math.log10(size) / 3) if size > 0 else 0
     power = ""

@@ -18,6 +18,7 @@ from functools import partial
 import numpy as np
 
 from femu_piezo.effects.library import Maker
+from femu_piezo.effects.words import quantity
 from femu_piezo.errors import InputError
 from femu_piezo.inference.budget import constants_of, estimates_of
 from femu_piezo.inference.fit import Fit, with_discrepancy
@@ -337,8 +338,8 @@ def _fit_notes(found: Fit) -> list[str]:
     sizes = zip(found.parameters.effects, found.parameters.values(found.x), found.std_of_effects, strict=True)
     for effect, values, std in sizes:
         if effect.freed:
-            words = zip(effect.parameters, values, std, strict=True)
-            told = ", ".join(f"{p.name} = {value:.4g} ± {sigma:.2g}{p.after_number}" for p, value, sigma in words)
+            of_each = zip(effect.parameters, values, std, strict=True)
+            told = ", ".join(f"{p.name} = {quantity(p, float(value), float(sigma))}" for p, value, sigma in of_each)
             notes.append(f"{effect.title}, which the file leaves free, was fitted together with the constants: {told}")
     if found.discrepancy is not None:
         notes.append(

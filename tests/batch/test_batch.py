@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -228,6 +229,7 @@ def test_a_diagnosis_end_to_end(tmp_path):
     row = table(tmp_path / "out")[0]
     assert row["verdict"] == "effect" and row["cause"] == "series_resistance", row["diagnosis"]
     assert float(row["size"]) == pytest.approx(100, abs=4 * float(row["size_std"]))
+    assert re.match(r"series_resistance \(resistance \([\d.]+ ± [\d.]+\) Ω; probability", row["diagnosis"])
     record = json.loads((tmp_path / "out/diagnoses/p1.csv.json").read_text(encoding="utf-8"))
     assert record["results"]["diagnose"]["causes"][0]["probability"] == float(row["probability"])
 

@@ -7,6 +7,7 @@ from urllib.parse import urlencode
 import numpy as np
 from nicegui import ui
 
+from femu_piezo.effects.words import readable
 from femu_piezo.errors import InputError
 from femu_piezo.specimen.file import read_specimen, write_specimen
 from femu_piezo.units import signed
@@ -139,14 +140,14 @@ class _Diagnosis:
     def _candidates(self, found: dict) -> None:
         rows = []
         for one in found["candidates"][:_MOST]:
-            sizes = ", ".join(f"{key} {_size(value)}" for key, value in (one.get("parameters") or {}).items())
+            sizes = ", ".join(
+                f"{key.replace('_', ' ')} {_size(key, value)}" for key, value in (one.get("parameters") or {}).items()
+            )
             evidence = one.get("evidence")
             rows.append((one["effect"].replace("_", " "), "-" if evidence is None else signed(evidence, ".1f"), sizes))
         with ui.expansion("Candidates, each alone").classes("w-full border rounded"):
             table(("candidate", "log odds over none", "size"), rows, "candidates").props("wrap-cells")
 
 
-def _size(parameter: dict) -> str:
-    unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
-    std = parameter.get("std")
-    return f"{parameter['value']:.3g}{unit}" if not std else f"{parameter['value']:.3g} ± {std:.1g}{unit}"
+def _size(name: str, parameter: dict) -> str:
+    return readable(name, parameter["unit"], parameter["value"], parameter.get("std"))
