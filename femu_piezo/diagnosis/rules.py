@@ -32,7 +32,9 @@ class Rules:
         "completed where it may come that close to the best",
     )
     unexplained: float = _rule(
-        0.25, "the verdict is unknown where the named causes leave more than this share of the misfit (rms)"
+        0.25,
+        "the verdict is unknown where every named cause leaves more than this share (rms) of the misfit that there is "
+        "without it",
     )
     loudest: float = _rule(
         3.0,

@@ -144,7 +144,8 @@ class _Search:
     def _unknown(self) -> bool:
         """Whether the verdict would be "unknown": a discrepancy, and no cause or causes that leave much unexplained.
 
-        The verdict makes an exception for a discrepancy that may be correlated noise, which is not tested here.
+        The verdict makes an exception for a discrepancy that may be correlated noise, and looks at what each of several
+        causes leaves without the others; neither is tested here.
         """
         best = self._best()
         if not best.discrepant and not best.forms:

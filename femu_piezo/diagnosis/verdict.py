@@ -104,16 +104,17 @@ def judge(comparison: Comparison) -> Verdict:
         """Share of the misfit of a fit that the named causes leave unexplained; 0 where that may be noise."""
         return unexplained_share(before, comparison.described, rules.significant) if discrepant else 0.0
 
-    unexplained = share_left(comparison.base)
+    left = [share_left(found.fit_without) for found in comparison.causes]
     causes = tuple(
-        _cause(found, comparison, moves, no_imitation(share_left(found.fit_without), rules.expected_causes))
-        for found in comparison.causes
+        _cause(found, comparison, moves, no_imitation(share, rules.expected_causes))
+        for found, share in zip(comparison.causes, left, strict=True)
     )
-    unknown = discrepant and (not causes or unexplained > rules.unexplained)
+    # several causes that all may be imitations can share out the misfit of an error that none of them describes
+    unknown = discrepant and all(share > rules.unexplained for share in left)
     word = "unknown" if unknown else "effect" if causes else "none"
     hidden = tuple((t.effect, t.nearest) for t in moves if t.hidden)
     forms = tuple(_cause(found, comparison, moves, 1.0) for found in comparison.forms)
-    return Verdict(word, causes, before, after, unexplained, hidden, forms)
+    return Verdict(word, causes, before, after, share_left(comparison.base), hidden, forms)
 
 
 def no_imitation(left: float, expected: float) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import FREQUENCY
+from femu_piezo.diagnosis import verdict as verdicts
 from femu_piezo.diagnosis.confounding import parallel, tangents
 from femu_piezo.diagnosis.selection import compare
 from femu_piezo.diagnosis.starts import starts
@@ -86,6 +87,25 @@ def test_no_third_cause_is_sought_where_an_uneven_body_is_all_there_is(setup):
     assert judge(result).word == "unknown" and not result.causes
     assert any(words.startswith("candidate with ") for words in steps)
     assert not any(" and " in words for words in steps)
+
+
+@pytest.mark.parametrize(("shares", "word"), [((0.3, 0.2), "effect"), ((0.3, 0.4), "unknown")])
+def test_causes_that_each_leave_most_of_the_misfit_are_no_explanation(setup, monkeypatch, shares, word):
+    """Two causes leave a tenth of the misfit of the base, and each a share of what there is without it."""
+    truth = {"series_resistance": 2.0, "wrong_width": 0.006}
+    library = [setup.library[name] for name in truth]
+    data = data_with(setup, truth, 1)
+    result = replace(compare(setup.evaluation, data, setup.unknowns, setup.x, library), discrepant=True)
+    assert len(result.causes) == 2
+    left = {id(cause.fit_without): share for cause, share in zip(result.causes, shares, strict=True)}
+    monkeypatch.setattr(verdicts, "unexplained_share", lambda before, *_: left.get(id(before), 0.1))
+    monkeypatch.setattr(verdicts, "_beyond_noise", lambda *_: True)
+    found = judge(result)
+    assert found.word == word and found.unexplained == 0.1
+    assert [cause.probability for cause in found.causes] == [
+        pytest.approx(cause.probability * no_imitation(share, 0.5))
+        for cause, share in zip(result.causes, shares, strict=True)
+    ]
 
 
 @pytest.mark.parametrize("known", [True, False])
