@@ -15,8 +15,10 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from functools import lru_cache, wraps
+from importlib import import_module
 from itertools import pairwise
-from threading import Lock, RLock, get_ident, local
+from threading import Event, Lock, RLock, Thread, current_thread, get_ident, local, main_thread
+from types import ModuleType
 from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
@@ -30,6 +32,30 @@ _COLUMNS = 8
 _PATIENCE = 0.02
 #: Its `share` is the `_Shared` of which this thread works on an item; missing or None outside of `in_parallel`.
 _here = local()
+
+
+def import_to_stay(name: str) -> ModuleType:
+    """Import a module in a thread that lasts as long as the process: the main one, or a new one that then waits.
+
+    The allocator of some libraries (mimalloc 3, in rslab 1.7) takes the thread that loads it for the main one and frees
+    what all threads share when that thread ends. The next thread that allocates then ends the process.
+
+    Raises what the import raises.
+    """
+    if current_thread() is main_thread():
+        return import_module(name)
+    loaded: Future[ModuleType] = Future()
+
+    def stay() -> None:
+        try:
+            loaded.set_result(import_module(name))
+        except BaseException as error:
+            loaded.set_exception(error)
+        else:
+            Event().wait()
+
+    Thread(target=stay, name=f"loaded {name}", daemon=True).start()
+    return loaded.result()
 
 
 Item = TypeVar("Item")

@@ -16,10 +16,10 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.threads import useful_threads
+from femu_piezo.threads import import_to_stay, useful_threads
 
 try:
-    import rslab
+    rslab: Any = import_to_stay("rslab")
 except ImportError:  # no wheel for this platform
     rslab = None
 

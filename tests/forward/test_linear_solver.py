@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -85,3 +88,28 @@ def test_one_wrong_solution_among_many_is_detected(column):
     always.check(expected, right)
     with pytest.raises(ConvergenceError):
         always.check(np.where(np.arange(30) == column, 0.0, expected), right)
+
+
+_AFTER_A_THREAD = """
+import threading
+import numpy as np
+import scipy.sparse as sp
+
+def load():
+    import femu_piezo.forward.linear_solver
+
+loader = threading.Thread(target=load)
+loader.start()
+loader.join()
+from femu_piezo.forward.linear_solver import factorize
+
+matrix = sp.diags([-1.0, -1.0, 5.0, -1.0, -1.0], [-40, -1, 0, 1, 40], shape=(3000, 3000), format="csc")
+for _ in range(20):
+    factorize(matrix).solve(np.ones((3000, 30)))
+"""
+
+
+def test_the_solver_may_be_loaded_by_a_thread_that_ends():
+    """As where a program with windows imports the package in a thread; the factorisation then ended the process."""
+    done = subprocess.run([sys.executable, "-c", _AFTER_A_THREAD], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
