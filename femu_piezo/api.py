@@ -143,9 +143,14 @@ def export(
     InputError : the file is no update.json, the program is not known, or the density is missing
     """
     from femu_piezo.study.export import constants_of_record, export_text
+    from femu_piezo.study.results import UpdateResult
 
     if isinstance(result, (Path, str)):
         constants, known, name, found = constants_of_record(Path(result))
+    elif not isinstance(result, UpdateResult):
+        raise InputError(
+            f"export takes what update returns or the path of an update.json, not a {type(result).__name__}"
+        )
     else:
         constants, known, name = result.constants, result.outcomes[0].measured.problem.density, result.name
         found = tuple(result.parameters)

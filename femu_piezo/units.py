@@ -11,6 +11,7 @@ import math
 import re
 from decimal import Decimal
 from functools import cache, lru_cache
+from numbers import Real
 from typing import TYPE_CHECKING
 
 from femu_piezo.errors import InputError
@@ -139,7 +140,7 @@ def parse_quantity(value: object, unit: str, where: str) -> float:
     right = f"give a number in {unit}" if unit != "1" else "give a pure number"
     if unit in _EXAMPLES:
         right += f" or a string such as {_EXAMPLES[unit]}" if unit != "1" else f" such as {_EXAMPLES[unit]}"
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+    if isinstance(value, bool) or not isinstance(value, (Real, str)):
         raise InputError(f"{where}: {shown(value)} is not a quantity; {right}")
     if not isinstance(value, str):
         return _finite(value, value, where, right)
@@ -219,6 +220,15 @@ def _registry() -> UnitRegistry:
     for definition in (*_PREFIXES.split("|"), *_UNITS):
         registry.define(definition)
     return registry
+
+
+def two_hertz(band: object, where: str) -> tuple[float, float]:
+    """Both ends of a band given in Python, Hz; InputError where they are not two numbers."""
+    try:
+        low, high = map(float, band)  # type: ignore[call-overload]
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: {shown(band)} is no band; give bands as (low, high) in Hz") from None
+    return low, high
 
 
 def shown(value: object) -> str:

@@ -112,6 +112,11 @@ def test_import_loads_nothing_and_takes_no_time():
     assert set(answers[0][3:]) == {*fp.__all__, "__version__"}
 
 
+def test_read_specimens_takes_a_single_path(specimen, sweep, tmp_path):
+    path = with_file(specimen, sweep, tmp_path)
+    assert [one.name for one in fp.read_specimens(str(path))] == [one.name for one in fp.read_specimens(path)]
+
+
 def test_names_are_those_of_the_commands():
     # these commands have no result in memory: data sheet, page, lots, instruments
     assert set(main.commands) - {"analyser", "batch", "datasheet", "lots", "measure", "serve"} <= set(dir(fp))
@@ -191,6 +196,26 @@ def test_phases_in_radians_given_as_degrees_are_refused(sweep):
     load = 100 + 2j * np.pi * sweep.frequency * 1.7e-6
     assert 1.2 < np.max(np.angle(load, deg=True)) < 1.6
     assert len(make(sweep.frequency, np.abs(load), np.angle(load, deg=True))) == len(sweep)
+
+
+def test_arrays_in_the_wrong_order_or_of_words_are_refused(sweep):
+    make, f, z = fp.ImpedanceSpectrum, sweep.frequency, sweep.impedance
+    for wrong, words in (
+        (lambda: make.from_impedance(z, f, source="plate 7"), "^plate 7: frequency_Hz is real, and complex"),
+        (lambda: make.from_resistance_reactance(f, z, z.imag), "resistance_ohm is real"),
+        (lambda: make.from_magnitude_phase(f, z, np.angle(z, deg=True)), "magnitude_ohm is real"),
+        (lambda: make.from_impedance(f, z, relative_noise="1 %"), "relative_noise does not hold numbers"),
+        (lambda: make.from_impedance(f, ["open"] * f.size), "impedance_ohm does not hold numbers"),
+        (lambda: make.from_impedance(f, iter(z)), "impedance_ohm does not hold numbers"),
+        (lambda: make.from_magnitude_phase(f, np.abs(z), np.angle(z, deg=True), degrees=False), "more than a turn"),
+        (lambda: make.from_conductance_susceptance(f, 0 * f, 0 * f, source="plate 7"), "plate 7: 211 admittances"),
+    ):
+        with pytest.raises(fp.InputError, match=words):
+            wrong()
+    with pytest.raises(fp.InputError, match="no imaginary part at any point"):
+        fp.extract(make.from_impedance(f, np.abs(z)))
+    with pytest.raises(fp.InputError, match="multiply those of an array by 1000"):
+        fp.extract(make.from_impedance(f / 1e3, z))
 
 
 def test_update_of_a_sweep_in_memory_is_that_of_the_file(specimen, sweep, updated, tmp_path):
@@ -287,6 +312,19 @@ def test_arguments_of_wrong_types_are_refused(specimen, sweep, tmp_path):
         (lambda: fp.update(tmp_path / "none.toml", sweep), "no such file"),
         (lambda: fp.circuit(specimen, mask_faults=True), "mask_faults is for a measured sweep"),
         (lambda: fp.circuit(sweep, connection="series"), "connection is for the file of a sweep"),
+        (lambda: fp.read_spectrum(sweep), "by its path, not by a ImpedanceSpectrum"),
+        (lambda: fp.write_spectrum(tmp_path / "w.csv", sweep), "takes an ImpedanceSpectrum, then a path"),
+        (lambda: fp.extract(sweep, mask=(50e3, 60e3)), r"mask: 50000\.0 is no band; give bands as \(low, high\)"),
+        (lambda: fp.modes(specimen, band=("50 kHz", "90 kHz")), "band: .* is no band"),
+        (lambda: fp.modes(specimen, count=-1), "count = -1 is no number of modes"),
+        (lambda: fp.export(specimen, "comsol"), "takes what update returns or the path of an update.json"),
+        (lambda: fp.standard_figures(sweep).plot(), "no formula of the body was used"),
+        (
+            lambda: fp.standard_figures(
+                fp.ImpedanceSpectrum.from_impedance(sweep.frequency, 1 / sweep.impedance), specimen
+            ),
+            "no pole .* was paired with a zero above it .* an admittance is given as an impedance",
+        ),
     ):
         with pytest.raises(fp.InputError, match=words):
             wrong()
@@ -300,6 +338,16 @@ def test_a_result_prints_as_the_table_of_the_terminal(specimen, sweep, updated, 
     assert [line.rstrip() for line in run.output.splitlines()] == repr(updated).splitlines()
     assert len(repr(updated)) < 3000 and "array(" not in repr(updated)
     assert "s11" in updated._repr_html_() and updated._repr_html_().startswith("<pre")
+
+
+def test_a_loss_of_zero_has_no_sign(specimen):
+    lossless = {**specimen.model_dump(exclude_none=True, exclude={"path"}), "material": {"base": "pzt-5h"}}
+    lossless |= {
+        "simulation": {"start": 30e3, "stop": 240e3, "points": 211},
+        "effects": {"series_resistance": {"resistance": RESISTANCE}},
+    }
+    told = repr(fp.simulate(fp.Specimen.model_validate(lossless)))
+    assert "loss 0.000000" in told and "loss -" not in told
 
 
 def test_every_result_is_short_drawn_and_tabulated(specimen, sweep, updated, diagnosed):

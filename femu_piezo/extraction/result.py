@@ -101,7 +101,10 @@ class Extraction:
         """A sentence for each pair whose quality factors differ; and why there are no figures, where there are none."""
         told = tuple(p.remark for p in self.pairs if p.remark)
         if self.pairs and self.figures is None:
-            told += ("no pole of this sweep has a zero above it, so there are no standard figures and no k_eff",)
+            told += (
+                "no pole of this sweep was paired with a zero above it (as where an admittance is given as an "
+                "impedance), so there are no standard figures and no k_eff",
+            )
         return told
 
     def to_json(self) -> dict:

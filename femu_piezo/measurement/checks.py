@@ -17,7 +17,8 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 FEWEST_POINTS = 8
 _CAUSES = {
     "phase_turned": "{told}: the phase is turned by 180°; set correct_phase = true in [measurement] of the specimen "
-    "file (or --correct-phase) to turn it back",
+    "file (or --correct-phase, in Python correct_phase=True) to turn it back",
+    "no_reactance": "the impedance has no imaginary part at any point; give complex numbers, or |Z| with its phase",
     "reactance_sign": "the locus of Z turns counter-clockwise as the frequency rises, which no passive piece does; the "
     "sign of the reactance (or phase, or susceptance) is wrong: change the sign of that column",
     "resistance_sign": "{told} and the locus turns counter-clockwise; change the sign of the resistance column",
@@ -112,7 +113,7 @@ def _frequency_unit(spectrum: ImpedanceSpectrum, hertz_stated: bool) -> DataFaul
         return None
     message = (
         f"{told} and has a resonance there, as only a piece of ceramic metres long would have; if the frequencies are "
-        "in kHz, write frequency_kHz in the header"
+        "in kHz, write frequency_kHz in the header of the file, or multiply those of an array by 1000"
     )
     return DataFault("khz_for_hz", message, whole, fatal=bool(high < 1000))
 
@@ -135,6 +136,8 @@ def _roughness(spectrum: ImpedanceSpectrum) -> DataFault | None:
 def _passivity(spectrum: ImpedanceSpectrum) -> list[DataFault]:
     """The fault of wrong signs or exchanged columns; else that of the points with negative resistance."""
     cause = misread_as(spectrum.impedance)
+    if cause is not None and not spectrum.impedance.imag.any():
+        cause = "no_reactance"
     negative = np.flatnonzero(spectrum.impedance.real < 0)
     told = f"Re Z is negative at {negative.size} of {len(spectrum)} points"
     if cause is not None:

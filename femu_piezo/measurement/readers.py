@@ -26,6 +26,7 @@ from femu_piezo.measurement.instruments import (
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.tables import Table, decode, read_table_with_words
 from femu_piezo.measurement.touchstone import Connection, is_touchstone, read_touchstone
+from femu_piezo.units import two_hertz
 
 #: Bands of frequency (low, high), Hz.
 Bands = Sequence[tuple[float, float]]
@@ -70,6 +71,8 @@ def read_spectrum(
     ------
     InputError : the file or its data cannot be used; the sentence says what to do
     """
+    if not isinstance(path, (Path, str)):
+        raise InputError(f"a file is given by its path, not by a {type(path).__name__}")
     spectrum, hertz_stated = _read(Path(path), connection, columns)
     if compensation is not None:
         spectrum = compensation.applied(spectrum)
@@ -140,7 +143,8 @@ def _without(spectrum: ImpedanceSpectrum, mask: Bands) -> ImpedanceSpectrum:
     if not mask:
         return spectrum
     keep = np.ones(len(spectrum), dtype=bool)
-    for low, high in mask:
+    for one in mask:
+        low, high = two_hertz(one, f"{spectrum.source}: mask")
         if not low < high:
             raise InputError(
                 f"{spectrum.source}: mask holds [{low:g}, {high:g}] Hz, not a band; give the lower frequency first"
@@ -248,6 +252,10 @@ def write_spectrum(spectrum: ImpedanceSpectrum, path: Path | str) -> None:
 
     Raises InputError where the file cannot be written.
     """
+    if not isinstance(spectrum, ImpedanceSpectrum):
+        raise InputError(
+            f"write_spectrum takes an ImpedanceSpectrum, then a path, not a {type(spectrum).__name__} first"
+        )
     columns = [spectrum.frequency, spectrum.impedance.real, spectrum.impedance.imag]
     header = _HEADER
     if spectrum.noise is not None:

@@ -62,12 +62,14 @@ class ImpedanceSpectrum:
 
         Raises
         ------
-        InputError : the columns are not of one length, or a frequency repeats or is not positive
+        InputError : the columns hold no numbers or are not of one length, or a frequency repeats or is not positive
         """
         _refuse_unequal(source, frequency_Hz=frequency_Hz, impedance_ohm=impedance_ohm, relative_noise=relative_noise)
-        frequency = np.asarray(frequency_Hz, dtype=float)
-        impedance = np.asarray(impedance_ohm, dtype=complex)
-        noise = None if relative_noise is None else np.asarray(relative_noise, dtype=float) * np.abs(impedance)
+        frequency = _real(source, "frequency_Hz", frequency_Hz)
+        impedance = _numbers(source, "impedance_ohm", impedance_ohm, complex)
+        noise = None
+        if relative_noise is not None:
+            noise = _real(source, "relative_noise", relative_noise) * np.abs(impedance)
         notes: tuple[str, ...] = ()
         if frequency.ndim == 1 and frequency.shape == impedance.shape and np.any(np.diff(frequency) < 0):
             order = np.argsort(frequency, kind="stable")
@@ -82,9 +84,8 @@ class ImpedanceSpectrum:
     ) -> ImpedanceSpectrum:
         """A sweep of R and X, (n,) each; `options` as of `from_impedance`."""
         columns = {"frequency_Hz": frequency_Hz, "resistance_ohm": resistance_ohm, "reactance_ohm": reactance_ohm}
-        _refuse_unequal(options.get("source", _SOURCE), **columns)
-        impedance = np.asarray(resistance_ohm, dtype=float) + 1j * np.asarray(reactance_ohm, dtype=float)
-        return cls.from_impedance(frequency_Hz, impedance, **options)
+        resistance, reactance = _pair(options.get("source", _SOURCE), columns)
+        return cls.from_impedance(frequency_Hz, resistance + 1j * reactance, **options)
 
     @classmethod
     def from_magnitude_phase(
@@ -92,11 +93,16 @@ class ImpedanceSpectrum:
     ) -> ImpedanceSpectrum:
         """A sweep of |Z| and phase, (n,) each, the phase in degrees or rad; `options` as of `from_impedance`.
 
-        Phases in radians that are given as degrees are refused.
+        Phases in radians that are given as degrees are refused, and degrees that are given as radians.
         """
         source = options.get("source", _SOURCE)
-        _refuse_unequal(source, frequency_Hz=frequency_Hz, magnitude_ohm=magnitude_ohm, phase=phase)
-        angle, magnitude = np.asarray(phase, dtype=float), np.asarray(magnitude_ohm, dtype=float)
+        columns = {"frequency_Hz": frequency_Hz, "magnitude_ohm": magnitude_ohm, "phase": phase}
+        magnitude, angle = _pair(source, columns)
+        if not degrees and np.nanmax(np.abs(angle), initial=0.0) > 2 * np.pi:
+            raise InputError(
+                f"{source}: the phases reach {np.nanmax(np.abs(angle)):.4g} rad, more than a turn; "
+                "leave out degrees = False if they are in degrees"
+            )
         if degrees and reach_half_pi(angle) and _varies(magnitude):
             raise InputError(
                 f"{source}: the phases reach {np.nanmax(np.abs(angle)):.4g} at most, as radians do near π/2 = 1.571, "
@@ -111,10 +117,11 @@ class ImpedanceSpectrum:
     ) -> ImpedanceSpectrum:
         """A sweep of G and B, (n,) each, siemens; `options` as of `from_impedance`."""
         columns = {"frequency_Hz": frequency_Hz, "conductance_S": conductance_S, "susceptance_S": susceptance_S}
-        _refuse_unequal(options.get("source", _SOURCE), **columns)
-        admittance = np.asarray(conductance_S, dtype=float) + 1j * np.asarray(susceptance_S, dtype=float)
+        source = options.get("source", _SOURCE)
+        conductance, susceptance = _pair(source, columns)
+        admittance = conductance + 1j * susceptance
         if np.any(admittance == 0):
-            raise InputError(f"{int(np.sum(admittance == 0))} admittances are zero; remove these points")
+            raise InputError(f"{source}: {int(np.sum(admittance == 0))} admittances are zero; remove these points")
         return cls.from_impedance(frequency_Hz, 1 / admittance, **options)
 
     def __repr__(self) -> str:
@@ -172,6 +179,28 @@ def _refuse_unequal(source: str, **columns: ArrayLike | None) -> None:
         raise InputError(
             f"{source}: the columns are of unequal lengths: {told}; give one value of each for every point"
         )
+
+
+def _numbers(source: str, name: str, values: ArrayLike, kind: type) -> np.ndarray:
+    """Values as an array of float or complex; InputError where they are no numbers."""
+    try:
+        return np.asarray(values, dtype=kind)
+    except (TypeError, ValueError):
+        raise InputError(f"{source}: {name} does not hold numbers alone; give a list or an array of numbers") from None
+
+
+def _real(source: str, name: str, values: ArrayLike) -> np.ndarray:
+    """Values as an array of float; InputError where they are no numbers, or complex ones."""
+    found = _numbers(source, name, values, complex if np.iscomplexobj(values) else float)
+    if found.imag.any():
+        raise InputError(f"{source}: {name} is real, and complex numbers are given; check the order of the arguments")
+    return np.array(found.real)
+
+
+def _pair(source: str, columns: dict[str, ArrayLike]) -> list[np.ndarray]:
+    """The two columns after the frequency, as arrays of float; InputError where they cannot be."""
+    _refuse_unequal(source, **columns)
+    return [_real(source, name, values) for name, values in list(columns.items())[1:]]
 
 
 def _varies(magnitude: np.ndarray) -> bool:

@@ -218,7 +218,7 @@ def note_lines(notes: Iterable[str]) -> list[str]:
 
 def simulation_table(result: SimulationResult) -> RenderableType:
     """Poles and zeros, and notes."""
-    lines = [f"{one.kind} {one.frequency_Hz:14.3f} Hz   loss {one.loss:.6f}" for one in (*result.poles, *result.zeros)]
+    lines = [f"{one.kind} {one.frequency_Hz:14.3f} Hz   loss {one.loss:z.6f}" for one in (*result.poles, *result.zeros)]
     if result.effects:
         names = ", ".join(result.effects)
         lines.append(f"poles, zeros and sweep are those of the specimen with its effects ({names})")
@@ -239,7 +239,7 @@ def _resonance_words(resonance: Resonance) -> str:
     std = "" if resonance.std_Hz is None else f" ± {resonance.std_Hz:.3g}"
     std_loss = "" if resonance.std_loss is None else f" ± {resonance.std_loss:.2g}"
     return (
-        f"{resonance.kind} {resonance.frequency_Hz:14.3f}{std} Hz   loss {resonance.loss:.6f}{std_loss}   "
+        f"{resonance.kind} {resonance.frequency_Hz:14.3f}{std} Hz   loss {resonance.loss:z.6f}{std_loss}   "
         f"Q {resonance.quality_factor:.4g}"
     )
 

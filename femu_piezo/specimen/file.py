@@ -504,10 +504,12 @@ class Specimen(Table):
         write_specimen(self, path)
 
 
-def read_specimens(paths: Sequence[Path | str], data_file: Path | str | None = None) -> list[Specimen]:
-    """The specimens of several files; a study file, which has only `specimens = ["a.toml", …]`, stands for those."""
+def read_specimens(paths: Sequence[Path | str] | Path | str, data_file: Path | str | None = None) -> list[Specimen]:
+    """The specimens of one or several files; a study file, which has only `specimens = ["a.toml", …]`, stands for
+    those.
+    """
     found = []
-    for path in map(Path, paths):
+    for path in [Path(paths)] if isinstance(paths, (str, Path)) else map(Path, paths):
         data = _parse_toml(path)
         members = data.get("specimens")
         if members is None:

@@ -51,6 +51,8 @@ def export_text(
     target = program(to)
     if density is None:
         raise InputError(f"{name}: the density is not known; give it, such as --density 7800")
+    if not density > 0:
+        raise InputError(f"density = {density:g} is not above zero; give it in kg/m³")
     if not (np.all(np.isfinite(poling)) and np.linalg.norm(poling) > 0):
         raise InputError(f"a poling direction needs three numbers that are not all zero, got {list(poling)}")
     try:

@@ -274,7 +274,8 @@ def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pai
     if found is None:
         if extraction.status == "lossless":
             raise InputError(f"{spectrum.source}: {extraction.notes[0]}")
-        reasons = f" ({'; '.join(extraction.notes)})" if extraction.notes else ""
+        told = (*extraction.notes, *extraction.remarks[-1:])
+        reasons = f" ({'; '.join(told)})" if told else ""
         raise InputError(
             f"{spectrum.source}: no resonance with both its pole and its zero was found between "
             f"{spectrum.frequency[0]:.6g} and {spectrum.frequency[-1]:.6g} Hz{reasons}; measure a band that holds both"

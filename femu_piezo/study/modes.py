@@ -17,6 +17,7 @@ from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.effects import body_as_simulated, effects_as_simulated
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import electrode_notes
+from femu_piezo.units import two_hertz
 
 #: Share of the strongest mode's |a²/λ| below which a mode is not shown: the terminals hardly see it.
 _VISIBLE = 1e-3
@@ -114,9 +115,11 @@ def modes(
     InputError : the specimen cannot be computed, or the band holds no driven mode
     """
     problem = prepare(specimen)
-    if band is not None and not 0 <= band[0] < band[1]:
-        raise InputError(f"{band[0]:g} … {band[1]:g} Hz is no band; give the lower frequency first")
-    low, high = band or (0.0, 3.5 * problem.expected_pole_Hz)
+    if count is not None and count < 1:
+        raise InputError(f"count = {count} is no number of modes; give 1 at least")
+    low, high = (0.0, 3.5 * problem.expected_pole_Hz) if band is None else two_hertz(band, "band")
+    if not 0 <= low < high:
+        raise InputError(f"{low:g} … {high:g} Hz is no band; give the lower frequency first")
     problem, hidden = body_as_simulated(problem, effects_as_simulated(problem, (low, high), effects))
     model = _model(problem, max(high, problem.expected_pole_Hz))
     reduced_to = max(1.3 * high, 1.5 * problem.expected_pole_Hz)

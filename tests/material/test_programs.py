@@ -196,6 +196,7 @@ def test_an_update_is_exported(tmp_path):
         (json.dumps({**RECORD, "specimens": [{}]}), [], "density is not known"),
         (json.dumps({**RECORD, "constants": NOTHING}), [], "no inverse"),
         (json.dumps(RECORD), ["--poling", "0", "0", "0"], "not all zero"),
+        (json.dumps({**RECORD, "specimens": [{"density": -7500.0}]}), [], "density = -7500 is not above zero"),
     ],
 )
 def test_wrong_input_is_one_sentence(content, extra, told, tmp_path):

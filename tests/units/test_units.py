@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -39,6 +40,8 @@ NUMBERS = st.floats(min_value=-1e12, max_value=1e12, allow_nan=False).filter(lam
         ("0.1 %", "1", 1e-3),
         (40, "m", 40.0),
         (0.04, "m", 0.04),
+        (np.float32(0.5), "m", 0.5),
+        (np.int64(40), "m", 40.0),
     ],
 )
 def test_known_quantities(value: object, unit: str, si: float) -> None:
