@@ -478,6 +478,34 @@ def test_a_users_effect_is_a_candidate_beside_the_tolerances(specimen, sweep, di
     assert str(again.causes[0]) == "my_leads"
 
 
+def test_mistakes_in_a_users_effect_are_told_in_one_sentence(specimen, sweep):
+    def with_circuit(circuit):
+        return lambda context: replace(my_leads(context), circuit=circuit)
+
+    def needs_two(context, more):
+        return my_leads(context)
+
+    z_alone = with_circuit(lambda omega, z, p: z + p[0])
+    flat = with_circuit(lambda omega, z, p: (z + p[0], np.ones_like(z), np.ones(z.size, complex)))
+    for effects, words in (
+        ([needs_two], "needs_two must take one argument, an EffectContext"),
+        ([Effect], "Effect must take one argument"),
+        ([lambda context: ["leads"]], "returns 'leads', which is no Effect"),
+        ([z_alone], r"effect my_leads: its circuit returns shapes \(\d+,\); needed are Z'"),
+        ([flat], r"shapes \[\((\d+),\), \(\1,\), \(\1,\)\]; needed are .* \(\1, 1\)\]"),
+    ):
+        with pytest.raises(fp.InputError, match=words):
+            fp.diagnose(specimen, sweep, effects=effects)
+    with pytest.raises(fp.InputError, match="parameter resistance of an effect: rest = 0 is not between low = 10000"):
+        EffectParameter("resistance", "ohm", 1e4, -1e4, 1.0, 1.0)
+    with pytest.raises(fp.InputError, match="scale = 0 is not above zero"):
+        EffectParameter("resistance", "ohm", -1e4, 1e4, 0.0, 1.0)
+
+
+def test_a_single_effect_stands_for_a_list_of_it(specimen, sweep, diagnosed):
+    assert str(fp.diagnose(specimen, sweep, effects=my_leads).verdict) == str(diagnosed.verdict)
+
+
 def test_corrections_of_a_sweep_reach_the_diagnosis_from_the_command_line(specimen, sweep, tmp_path, monkeypatch):
     asked = {}
 

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 import scipy.sparse as sp
 
+from femu_piezo.errors import InputError
 from femu_piezo.forward.electrodes import Faces, electrode_faces
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import PiezoConstants
@@ -140,6 +141,15 @@ class EffectParameter:
     law_detuning: float = 0.0
     tolerance: float = 0.0
 
+    def __post_init__(self) -> None:
+        if not self.low <= self.rest <= self.high:
+            raise InputError(
+                f"parameter {self.name} of an effect: rest = {self.rest:g} is not between low = {self.low:g} and "
+                f"high = {self.high:g}"
+            )
+        if not self.scale > 0:
+            raise InputError(f"parameter {self.name} of an effect: scale = {self.scale:g} is not above zero")
+
     @property
     def usual(self) -> float:
         """Usual distance from `rest` where the effect is present, within the bounds."""
@@ -234,6 +244,18 @@ class Effect:
 
     def __repr__(self) -> str:
         return f"Effect({self.key!r}: {', '.join(parameter.name for parameter in self.parameters)})"
+
+    def through(self, omega: np.ndarray, z: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What its circuit makes of Z (k,) at ω (k,): Z' (k,), ∂Z'/∂Z (k,), ∂Z'/∂p (k, n); InputError for others."""
+        found = self.circuit(omega, z, p)
+        shapes = [np.shape(one) for one in found] if isinstance(found, tuple) else np.shape(found)
+        needed = [z.shape, z.shape, (*z.shape, p.size)]
+        if shapes != needed:
+            raise InputError(
+                f"effect {self.name}: its circuit returns shapes {shapes}; needed are Z', ∂Z'/∂Z and ∂Z'/∂p of the "
+                f"shapes {needed}"
+            )
+        return found
 
     @property
     def within_tolerance(self) -> Effect:

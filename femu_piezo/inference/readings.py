@@ -103,7 +103,7 @@ class Reading:
         z, dz = 1 / (1j * _KILOHERTZ * c), (-moved / (1j * _KILOHERTZ * c**2))[None]
         for item in active:
             if item.effect.circuit is not None and item.effect.outward < _FIXTURE:
-                z, ratio, own = item.effect.circuit(_KILOHERTZ, z, item.values)
+                z, ratio, own = item.effect.through(_KILOHERTZ, z, item.values)
                 dz = dz * ratio[:, None]
                 item.put(dz, own)
         return float((1 / z[0]).imag / _KILOHERTZ[0]), (-dz[0] / z[0] ** 2).imag / _KILOHERTZ[0]

@@ -118,7 +118,7 @@ class Evaluation:
         wanted = len(tangents)
         for item in active:
             if item.effect.circuit is not None:
-                z, ratio, own = item.effect.circuit(self.omega, z, item.values)
+                z, ratio, own = item.effect.through(self.omega, z, item.values)
                 tangents = tangents * ratio[:wanted, None]
                 item.put(tangents, own[:wanted])
         return z, tangents

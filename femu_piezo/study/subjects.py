@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext
-from femu_piezo.effects.library import Maker, effects_of, library
+from femu_piezo.effects.library import Maker, effects_of, library, listed
 from femu_piezo.errors import InputError
 from femu_piezo.inference.ensemble import Share, is_common, with_owner
 from femu_piezo.measurement.autoregression import WHITE, Autoregression, autoregression
@@ -106,7 +106,7 @@ def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = Non
 
     effects : what they may have in addition to the effects of their files; the library where None
     """
-    effects = None if effects is None else tuple(effects)
+    effects = None if effects is None else listed(effects)
     pieces = [one.piece for one in measured if one.conditions.number == 0]
     names, fixtures = [piece.name for piece in pieces], {one.conditions.fixture for one in measured}
     double = next((name for index, name in enumerate(names) if name in names[:index]), None)

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from importlib import import_module
+from inspect import signature
 from pkgutil import iter_modules
 from types import ModuleType
 
@@ -54,7 +55,7 @@ def library(context: EffectContext) -> tuple[Effect, ...]:
 def effects_of(context: EffectContext, offered: Iterable[Maker]) -> tuple[Effect, ...]:
     """The effects of a list that a specimen may have.
 
-    Raises InputError where an entry is neither an `Effect` nor a function of an `EffectContext`.
+    Raises InputError where an entry is neither an `Effect` nor a function of an `EffectContext` that returns some.
     """
     found: list[Effect] = []
     for maker in offered:
@@ -62,14 +63,38 @@ def effects_of(context: EffectContext, offered: Iterable[Maker]) -> tuple[Effect
             raise InputError(
                 f"effects: {maker!r} is no effect; give an Effect, or a function of an EffectContext that returns some"
             )
-        made = maker if isinstance(maker, Effect) else maker(context)
-        found += [made] if isinstance(made, Effect) else made or ()
+        made = maker if isinstance(maker, Effect) else _made(maker, context)
+        several = (made,) if isinstance(made, Effect) or not isinstance(made, Iterable) else tuple(made)
+        if strange := [one for one in several if not isinstance(one, Effect)]:
+            raise InputError(f"effects: {_named(maker)} returns {strange[0]!r}, which is no Effect")
+        found += several
     return tuple(found)
 
 
-def with_library(offered: Iterable[Maker] | None) -> tuple[Maker, ...]:
+def _made(maker: Callable[[EffectContext], Effect | Iterable[Effect] | None], context: EffectContext):
+    """What a function makes of a context; InputError where it does not take one."""
+    try:
+        return maker(context) or ()
+    except TypeError:
+        try:
+            signature(maker).bind(context)
+        except TypeError:
+            raise InputError(f"effects: {_named(maker)} must take one argument, an EffectContext") from None
+        raise
+
+
+def _named(maker: Maker) -> str:
+    return getattr(maker, "__name__", repr(maker))
+
+
+def listed(offered: Iterable[Maker] | Maker) -> tuple[Maker, ...]:
+    """The entries of a list of effects, or a single entry."""
+    return (offered,) if isinstance(offered, Effect) or callable(offered) else tuple(offered)
+
+
+def with_library(offered: Iterable[Maker] | Maker | None) -> tuple[Maker, ...]:
     """A list of effects, then those of the library that it lacks; the library alone where the list is None."""
-    return makers if offered is None else tuple(dict.fromkeys((*offered, *makers)))
+    return makers if offered is None else tuple(dict.fromkeys((*listed(offered), *makers)))
 
 
 #: Most characters of a list in a message.
