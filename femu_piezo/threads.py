@@ -116,6 +116,10 @@ class Once:
         self._locks: dict[Hashable, RLock] = {}
         self._guard, self._latest = Lock(), latest
 
+    def __reduce__(self) -> tuple[type[Once], tuple[int | None]]:
+        """Copies and pickles begin without values, as locks have none."""
+        return Once, (self._latest,)
+
     def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
         """The value of a key, made by the first thread that asks for it."""
         with self._guard:

@@ -4,7 +4,9 @@ save.
 
 from __future__ import annotations
 
+import copy
 import json
+import pickle
 import re
 import subprocess
 import sys
@@ -338,6 +340,14 @@ def test_a_result_prints_as_the_table_of_the_terminal(specimen, sweep, updated, 
     assert [line.rstrip() for line in run.output.splitlines()] == repr(updated).splitlines()
     assert len(repr(updated)) < 3000 and "array(" not in repr(updated)
     assert "s11" in updated._repr_html_() and updated._repr_html_().startswith("<pre")
+
+
+def test_results_are_copied(specimen, updated, diagnosed):
+    """And those without functions of effects are pickled."""
+    for result in (updated, diagnosed):
+        assert copy.deepcopy(result).rows() == result.rows()
+    modes = fp.modes(specimen, count=1)
+    assert pickle.loads(pickle.dumps(modes)).rows() == modes.rows()
 
 
 def test_a_loss_of_zero_has_no_sign(specimen):

@@ -149,6 +149,10 @@ class Analysis:
         self._latest: _Symbolic | None = None  # one object, replaced as a whole: threads share an analysis
         self.analyses = 0  #: symbolic analyses made so far
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the analysis, which cannot be copied or pickled and is made anew."""
+        return self.__dict__ | {"_latest": None}
+
     def of(self, matrix: sp.csc_matrix) -> _Symbolic | None:
         """The symbolic analysis of a pattern (CSC, sorted), the latest where it serves; None without rslab."""
         latest = self._latest
