@@ -222,6 +222,15 @@ def _registry() -> UnitRegistry:
     return registry
 
 
+def hertz(frequency: float) -> str:
+    """A frequency in Hz to six digits, without a power of ten.
+
+    >>> hertz(70934.787), hertz(1011990.6)
+    ('70934.8', '1011991')
+    """
+    return f"{frequency:.6g}" if abs(frequency) < 999999.5 else f"{frequency:.0f}"
+
+
 def two_hertz(band: object, where: str) -> tuple[float, float]:
     """Both ends of a band given in Python, Hz; InputError where they are not two numbers."""
     try:

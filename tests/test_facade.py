@@ -21,6 +21,7 @@ import femu_piezo as fp
 from femu_piezo.cli import main
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.output.tables import deviation_percent
 from femu_piezo.specimen.file import CONSTANTS, write_specimen
 from tests.commands import invoked, succeeded
 
@@ -144,6 +145,7 @@ def test_sweep_of_any_pair_of_columns():
     for one in spectra:
         assert np.allclose(one.impedance, z, rtol=1e-14) and np.array_equal(one.frequency, frequency)
     assert repr(spectra[0]) == "ImpedanceSpectrum('sweep', 3 points from 1000 to 3000 Hz)"
+    assert "from 1001234 to 3003702 Hz" in repr(fp.ImpedanceSpectrum.from_impedance(1001.234 * frequency, z))
 
 
 def test_sweep_downwards_is_sorted_and_says_so():
@@ -368,6 +370,11 @@ def test_every_result_is_short_drawn_and_tabulated(specimen, sweep, updated, dia
         figure = result.plot()
         assert isinstance(figure, Figure) and figure._repr_png_().startswith(b"\x89PNG")
         assert len(result.to_dataframe()) == len(result.rows()) > 0
+
+
+def test_large_deviations_are_without_a_power_of_ten():
+    told = [deviation_percent(share) for share in (None, 1e-9, -0.0123, 0.5, 1.8, -39.0)]
+    assert told == ["", "0 %", "-1.2 %", "+50 %", "+180 %", "-3900 %"]
 
 
 def test_numbers_of_an_update(updated):

@@ -11,6 +11,7 @@ from scipy.optimize import nnls
 
 from femu_piezo.circuits.branch import UNITS, Branch
 from femu_piezo.measurement.spectrum import evenly
+from femu_piezo.units import hertz
 
 #: Most points at which the rest of Y is fitted, and share of |Y| below which an element of it is dropped.
 _POINTS, _SMALL = 400, 1e-9
@@ -240,12 +241,12 @@ def _notes(circuit: Circuit) -> list[str]:
     found = []
     negative = [one for one in circuit.branches if min(one.elements["R"], one.elements["Rp"]) < 0]
     if negative:
-        places = ", ".join(f"{one.frequency_Hz:.6g} Hz" for one in negative)
+        places = ", ".join(f"{hertz(one.frequency_Hz)} Hz" for one in negative)
         found.append(
             f"the residue at {places} has a phase that makes a resistance of its branch negative: the circuit is right "
             "with it, in SPICE too, but cannot be built from passive components"
         )
-    if doubtful := [f"{one.frequency_Hz:.6g} Hz" for one in circuit.branches if one.doubtful]:
+    if doubtful := [f"{hertz(one.frequency_Hz)} Hz" for one in circuit.branches if one.doubtful]:
         found.append(
             f"the sweep hardly determines the branch at {', '.join(doubtful)}: the curve needs it, but it may not be a "
             "mode of the body"

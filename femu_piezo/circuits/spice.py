@@ -7,6 +7,7 @@ import re
 import numpy as np
 
 from femu_piezo.circuits.circuit import Circuit
+from femu_piezo.units import hertz
 
 
 def subcircuit_name(circuit: Circuit) -> str:
@@ -21,7 +22,7 @@ def spice_text(circuit: Circuit) -> str:
     largest = circuit.misfit[1]
     name = subcircuit_name(circuit)
     lines = [
-        f"* Equivalent circuit made by femu-piezo, {low:.6g} to {high:.6g} Hz, within {largest:.2g} of its curve",
+        f"* Equivalent circuit made by femu-piezo, {hertz(low)} to {hertz(high)} Hz, within {largest:.2g} of its curve",
         f"* use: X1 a b {name}",
         f".subckt {name} a b",
     ]

@@ -71,7 +71,7 @@ class Extraction:
         points = (self.spectrum.frequency, self.spectrum.impedance)
         noise = self.relative_noise_of(self.spectrum)
         reading = read_curve(self.model.admittance, points, pair.pole, pair.zero, piece, noise=noise)
-        return standard_figures(piece, reading, pair.pole, pair.zero)
+        return standard_figures(piece, reading, pair.pole, pair.zero).with_coupling_std(pair.std_k_eff)
 
     def relative_noise_of(self, spectrum: ImpedanceSpectrum) -> np.ndarray:
         """(n,) standard deviation of the relative error of a part of the sweep, sqrt(E|δZ/Z|²).

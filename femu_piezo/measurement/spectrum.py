@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from femu_piezo.errors import InputError
 from femu_piezo.measurement.columns import reach_half_pi
+from femu_piezo.units import hertz
 
 #: Endings of the names of files that may be sweeps.
 ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn", ".s1p", ".s2p", ".y1p", ".z1p")
@@ -128,7 +129,7 @@ class ImpedanceSpectrum:
         if not len(self):
             return f"ImpedanceSpectrum({self.source!r}, no points)"
         low, high = self.frequency[[0, -1]]
-        return f"ImpedanceSpectrum({self.source!r}, {len(self)} points from {low:.6g} to {high:.6g} Hz)"
+        return f"ImpedanceSpectrum({self.source!r}, {len(self)} points from {hertz(low)} to {hertz(high)} Hz)"
 
     def __post_init__(self) -> None:
         frequency = np.asarray(self.frequency, dtype=float)

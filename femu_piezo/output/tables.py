@@ -154,7 +154,9 @@ def figure_scale(name: str, unit: str) -> tuple[float, str]:
 
 def deviation_percent(share: float | None) -> str:
     """A relative deviation in per cent, "" where there is none."""
-    return "" if share is None else f"{100 * share:+.2g} %" if abs(share) >= 5e-8 else "0 %"
+    if share is None or abs(share) < 5e-8:
+        return "" if share is None else "0 %"
+    return f"{100 * share:+.0f} %" if abs(share) >= 1 else f"{100 * share:+.2g} %"
 
 
 def _share_words(estimate: Estimate) -> str:

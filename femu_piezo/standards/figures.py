@@ -131,6 +131,13 @@ class StandardFigures:
         except StopIteration:
             raise KeyError(name) from None
 
+    def with_coupling_std(self, std: float) -> StandardFigures:
+        """The same with the standard deviation of k_eff; nan where it is not known."""
+        known = None if np.isnan(std) else std
+        return replace(
+            self, figures=tuple(replace(one, std=known) if one.name == "k_eff" else one for one in self.figures)
+        )
+
     @property
     def formula_words(self) -> str | None:
         """What the formulas get wrong for this piece, as a sentence; None without a model or a formula."""

@@ -25,6 +25,7 @@ from femu_piezo.measurement.touchstone import is_touchstone
 from femu_piezo.specimen.file import Measurement, Specimen
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.starts import has_uniform_field, start_permittivity, start_values
+from femu_piezo.units import hertz
 
 #: A sweep reaches low frequency where it starts below this share of the fundamental pole: there the plate is free
 #: and uniform, and the error of eq 41 is about k² (f/f_p)² ≈ 2e-4.
@@ -278,7 +279,8 @@ def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pai
         reasons = f" ({'; '.join(told)})" if told else ""
         raise InputError(
             f"{spectrum.source}: no resonance with both its pole and its zero was found between "
-            f"{spectrum.frequency[0]:.6g} and {spectrum.frequency[-1]:.6g} Hz{reasons}; measure a band that holds both"
+            f"{hertz(spectrum.frequency[0])} and {hertz(spectrum.frequency[-1])} Hz{reasons}; "
+            "measure a band that holds both"
         )
     return found
 

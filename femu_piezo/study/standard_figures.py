@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -75,9 +74,7 @@ def _figures(
     noise = measured.relative_noise_of(spectrum)
     read = read_curve(extraction.model.admittance, points, pair.pole, pair.zero, piece, overtone, noise)
     found = standard_figures(piece, read, pair.pole, pair.zero, _model_figures(model, piece, pair), constants)
-    std = None if np.isnan(pair.std_k_eff) else pair.std_k_eff
-    figures = tuple(replace(one, std=std) if one.name == "k_eff" else one for one in found.figures)
-    return replace(found, figures=figures)
+    return found.with_coupling_std(pair.std_k_eff)
 
 
 def _model_figures(curve: RationalCurve, piece: Piece, pair: Pair) -> CurveFigures | None:

@@ -325,7 +325,7 @@ def _notes(
         if outcome.rms_after > max(_POOR, 5 * noise):
             notes.append(
                 f"{one.problem.specimen.name}: the updated model differs from the sweep by "
-                f"{100 * outcome.rms_after:.2g} % rms, and the noise is {100 * noise:.2g} %: look at "
+                f"{100 * outcome.rms_after:.3g} % rms, and the noise is {100 * noise:.2g} %: look at "
                 "the curve before using the constants"
             )
     return tuple(notes)

@@ -85,6 +85,7 @@ def test_coupling_and_its_deviation():
     (pair,) = found.pairs
     truth = np.sqrt(1 - BAR.pole(1).real / BAR.zero(1).real)
     assert 0 < pair.std_k_eff < 1e-5
+    assert found.figures["k_eff"].std == pair.std_k_eff
     assert abs(pair.k_eff - truth) < 4 * pair.std_k_eff
 
 

@@ -152,7 +152,7 @@ assert max((cause.probability for cause in diagnosis.causes), default=0.0) < 0.9
 #
 # This test needs no finite elements. The sweep is fitted by one resonance in the band and one above it on a background,
 # C(ω) = a + b ω² + r/(λ − ω²) + r′/(λ′ − ω²) with six complex numbers. Every linear body with one mode in the band has
-# this response, whatever its shape, constants, electrodes and cable. This function does not fit the points better than
+# this response, whatever its shape, constants, electrodes and cable. This function hardly fits the points better than
 # the finite elements do, and the diagnosis says so.
 
 # %%

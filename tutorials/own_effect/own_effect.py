@@ -97,7 +97,7 @@ assert np.allclose(first, thin_first, rtol=4e-3) and np.allclose(second, thin_se
 # %%
 specimen = fp.read_specimen(HERE / "bar.toml")
 before = fp.diagnose(specimen, rules=Rules(most_causes=1))
-print(f"\nwithout the new effect: {before.verdict}, {', '.join(map(str, before.causes))}")
+print(f"\nwithout the new effect: {before.verdict}; causes: {', '.join(map(str, before.causes)) or 'none'}")
 left = np.sqrt(before.verdict.after.size)
 print(f"  remaining misfit: {left:.2f} times the noise")
 assert left > 1.2 and before.verdict.after.structured  # the misfit exceeds the noise

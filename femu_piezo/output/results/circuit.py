@@ -20,7 +20,7 @@ from femu_piezo.output.folder import prepare_folder, write_figure, write_json
 from femu_piezo.output.picture import Picture
 from femu_piezo.output.results.result import Result
 from femu_piezo.output.tables import note_lines, text_of
-from femu_piezo.units import number
+from femu_piezo.units import hertz, number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,7 +38,7 @@ class EquivalentCircuit(Result, Circuit):
         for heading in ("mode (Hz)", "Q", *(heading for _, heading in _PRINTED.values())):
             table.add_column(heading, justify="right")
         for branch in self.branches:
-            cells = [f"{branch.frequency_Hz:.6g}{' ?' if branch.doubtful else ''}", f"{branch.quality_factor:.5g}"]
+            cells = [f"{hertz(branch.frequency_Hz)}{' ?' if branch.doubtful else ''}", f"{branch.quality_factor:.5g}"]
             for key, (factor, _) in _PRINTED.items():
                 std = branch.std.get(key)
                 cells.append(number(branch.elements[key] * factor, None if std is None else std * factor))
