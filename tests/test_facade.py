@@ -21,7 +21,7 @@ import femu_piezo as fp
 from femu_piezo.cli import main
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.measurement.readers import write_spectrum
-from femu_piezo.output.tables import deviation_percent
+from femu_piezo.output.tables import deviation_percent, percent
 from femu_piezo.specimen.file import CONSTANTS, write_specimen
 from tests.commands import invoked, succeeded
 
@@ -372,9 +372,21 @@ def test_every_result_is_short_drawn_and_tabulated(specimen, sweep, updated, dia
         assert len(result.to_dataframe()) == len(result.rows()) > 0
 
 
+def test_an_extraction_is_printed_and_drawn_to_the_digits_of_its_deviations(sweep, tmp_path):
+    fp.write_spectrum(sweep, tmp_path / "plate.csv")
+    found = fp.extract(tmp_path / "plate.csv")
+    assert re.match(r"pole +\d{5}\.\d\d ± 0\.\d\d Hz   loss 0\.0\d+ ± 0\.00000\d\d ", repr(found))
+    figure = found.plot()
+    assert figure.get_suptitle().startswith("plate.csv: poles and zeros")
+    assert "e-0" not in "".join(text.get_text() for axes in figure.axes for text in axes.texts)
+    orders = next(axes for axes in figure.axes if axes.get_ylabel().startswith("model order"))
+    assert np.array_equal(orders.get_yticks(), np.round(orders.get_yticks()))
+
+
 def test_large_deviations_are_without_a_power_of_ten():
     told = [deviation_percent(share) for share in (None, 1e-9, -0.0123, 0.5, 1.8, -39.0)]
     assert told == ["", "0 %", "-1.2 %", "+50 %", "+180 %", "-3900 %"]
+    assert [percent(share) for share in (0.0123, 0.5, 1.3, 20.0)] == ["1.2 %", "50 %", "130 %", "> 1000 %"]
 
 
 def test_numbers_of_an_update(updated):

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from femu_piezo.inference.budget import SOURCES
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.output.picture import Picture
+from femu_piezo.output.tables import percent
 
 #: Colour of each source, the same in every picture.
 SOURCE_COLOURS = dict(
@@ -74,7 +75,5 @@ def budget_figure(title: str, parameters: Mapping[str, Estimate]) -> Figure:
 def _deviation(label: str, parameters: Mapping[str, Estimate]) -> str:
     estimate = parameters[label.removeprefix("tan ")]
     return (
-        f"± {estimate.tan_std:.2g}"
-        if label.startswith("tan ")
-        else f"± {100 * estimate.std / abs(estimate.value):.2g} %"
+        f"± {estimate.tan_std:.2g}" if label.startswith("tan ") else f"± {percent(estimate.std / abs(estimate.value))}"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy as np
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.stabilization import StabilizationDiagram, rational_stabilization
 from femu_piezo.output.picture import Picture
+from femu_piezo.output.tables import with_deviations
+from femu_piezo.units import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,7 +53,7 @@ def extraction_figure(extraction: Extraction) -> Figure:
         0.0, 1.0, _summary(extraction), va="top", family="monospace", fontsize=8.5, transform=axes["text"].transAxes
     )
     words = f"poles and zeros ({extraction.method.replace('_', ' ')})" if fitted else "nothing could be extracted"
-    figure.suptitle(f"{extraction.spectrum.source}: {words}")
+    figure.suptitle(f"{Path(extraction.spectrum.source).name}: {words}")
     return figure
 
 
@@ -141,7 +144,7 @@ def prony_figure(extraction: Extraction) -> Figure:
         singular.set(xlabel="number", ylabel="singular values of the Hankel matrix")
         _stabilization(extraction, stable, decomposition.diagram, f"{kind}s", factor)
         stable.set_xlabel(label)
-    figure.suptitle(f"{extraction.spectrum.source}: Prony-SS")
+    figure.suptitle(f"{Path(extraction.spectrum.source).name}: Prony-SS")
     return figure
 
 
@@ -166,25 +169,24 @@ def _stabilization(extraction: Extraction, axes: Axes, diagram: StabilizationDia
         axes.axvline(at, color=colour, linewidth=0.8, linestyle="--", zorder=0)
     axes.plot([], [], color=colour, linewidth=0.8, linestyle="--", label="column")
     axes.set_ylabel(f"model order ({name})")
+    axes.yaxis.get_major_locator().set_params(integer=True)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False, fontsize=9)
 
 
 def _summary(extraction: Extraction) -> str:
-    lines = [f"{'':5}{'frequency (Hz)':>22}{'loss η':>22}{'Q':>9}"] if extraction.model is not None else []
+    lines = [f"{'':5}{'frequency (Hz)':>22}{'loss η':>24}{'Q':>9}"] if extraction.model is not None else []
     every = extraction.resonances.poles + extraction.resonances.zeros + extraction.doubtful
     found = sorted(every, key=lambda r: r.frequency_Hz)
     for r in found[:LABELLED]:
-        frequency, loss = f"{r.frequency_Hz:.1f}", f"{r.loss:.5f}"
-        if r.covariance is not None:
-            frequency, loss = f"{frequency} ± {r.std_Hz:.2g}", f"{loss} ± {r.std_loss:.1g}"
+        frequency, loss = (f"{r.frequency_Hz:.1f}", f"{r.loss:.5f}") if r.std_Hz is None else with_deviations(r)
         mark = "?" if r in extraction.doubtful else ""
-        lines.append(f"{r.kind + mark:5}{frequency:>22}{loss:>22}{r.quality_factor:>9.1f}")
+        lines.append(f"{r.kind + mark:5}{frequency:>22}{loss:>24}{r.quality_factor:>9.1f}")
     if len(found) > LABELLED:
         lines.append(f"and {len(found) - LABELLED} more")
     for p in extraction.pairs[: LABELLED // 2]:
         if np.isfinite(p.k_eff):
-            std = "" if np.isnan(p.std_k_eff) else f" ± {p.std_k_eff:.1g}"
-            lines.append(f"k_eff {p.k_eff:.5f}{std}  ({p.pole.frequency_Hz:.0f} – {p.zero.frequency_Hz:.0f} Hz)")
+            coupling = number(p.k_eff, None if np.isnan(p.std_k_eff) else p.std_k_eff)
+            lines.append(f"k_eff {coupling}  ({p.pole.frequency_Hz:.0f} – {p.zero.frequency_Hz:.0f} Hz)")
     if extraction.noise is not None:
         lines.append(_noise_words(extraction.noise))
     lines += [line for note in extraction.notes for line in _wrapped(note, "! ")]

@@ -185,8 +185,9 @@ def _resonance_table(outcome: Outcome) -> Table:
     return table
 
 
-def _percent(std: float) -> str:
-    return f"{100 * std:.2g} %" if std < 10 else "> 1000 %"
+def percent(std: float) -> str:
+    """A relative standard deviation in per cent."""
+    return f"{100 * std:.2g} %" if std < 0.995 else f"{100 * std:.0f} %" if std < 10 else "> 1000 %"
 
 
 def console() -> Console:
@@ -238,12 +239,15 @@ def extraction_table(result: Extraction) -> RenderableType:
 
 
 def _resonance_words(resonance: Resonance) -> str:
-    std = "" if resonance.std_Hz is None else f" ± {resonance.std_Hz:.3g}"
-    std_loss = "" if resonance.std_loss is None else f" ± {resonance.std_loss:.2g}"
-    return (
-        f"{resonance.kind} {resonance.frequency_Hz:14.3f}{std} Hz   loss {resonance.loss:z.6f}{std_loss}   "
-        f"Q {resonance.quality_factor:.4g}"
-    )
+    frequency, loss = f"{resonance.frequency_Hz:.3f}", f"{resonance.loss:z.6f}"
+    if resonance.std_Hz is not None:
+        frequency, loss = with_deviations(resonance)
+    return f"{resonance.kind} {frequency:>20} Hz   loss {loss:24}   Q {resonance.quality_factor:.4g}"
+
+
+def with_deviations(resonance: Resonance) -> tuple[str, str]:
+    """Frequency in Hz and loss of a resonance, each with its standard deviation."""
+    return number(resonance.frequency_Hz, resonance.std_Hz), number(resonance.loss, resonance.std_loss)
 
 
 def modes_table(result: ModesResult) -> RenderableType:
@@ -270,8 +274,8 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
             continue
         table.add_row(
             name,
-            _percent(known.std[index]),
-            _percent(known.std_alone[index]),
+            percent(known.std[index]),
+            percent(known.std_alone[index]),
             f"{known.std[index + 1]:.2g}" if known.std[index + 1] < 10 else "> 10",
             known.verdict(name),
         )
