@@ -20,6 +20,8 @@ _KINDS = {
     ".csv": "text/csv; charset=utf-8",
     ".txt": "text/plain; charset=utf-8",
     ".toml": "text/plain; charset=utf-8",
+    ".cir": "text/plain; charset=utf-8",
+    ".s1p": "text/plain; charset=utf-8",
     ".png": "image/png",
     ".pdf": "application/pdf",
 }

@@ -299,15 +299,18 @@ def nothing(words: str) -> None:
     ui.label(words).classes("opacity-80")
 
 
-def table(headings: Sequence[str], rows: Sequence[Sequence[object]], label: str) -> ui.table:
-    """A table whose columns sort by their numbers where they have some."""
+def table(
+    headings: Sequence[str], rows: Sequence[Sequence[object]], label: str, at_once: int | None = None
+) -> ui.table:
+    """A table whose columns sort by their numbers where they have some; of more than `at_once` rows it has pages."""
     columns = [
         {"name": str(k), "label": heading, "field": str(k), "sortable": True, "align": _align([row[k] for row in rows])}
         for k, heading in enumerate(headings)
     ]
     records = [{"id": n, **{str(k): cell for k, cell in enumerate(row)}} for n, row in enumerate(rows)]
-    found = ui.table(columns=columns, rows=records, row_key="id").props(f'flat bordered dense aria-label="{label}"')
-    return found.classes("w-full")
+    pages = at_once if at_once is not None and len(rows) > at_once else None
+    found = ui.table(columns=columns, rows=records, row_key="id", pagination=pages)
+    return found.props(f'flat bordered dense aria-label="{label}"').classes("w-full")
 
 
 def _align(cells: Sequence[object]) -> str:

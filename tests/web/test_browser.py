@@ -12,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from femu_piezo.batch.report import write_report
+from femu_piezo.batch.run import LotResult
+from femu_piezo.batch.table import write_table
 from tests.commands import succeeded
 
 from .conftest import TUTORIALS, Server
@@ -287,6 +290,25 @@ def test_a_lot_is_computed_charted_and_leads_to_its_pieces(serve, page, tmp_path
     page.locator('[aria-label="control chart"] .js-plotly-plot, [aria-label="control chart"]').first.wait_for()
     page.get_by_role("link", name="k31 plate two").click()
     page.wait_for_url("**spec=second.toml*")
+
+
+def test_a_lot_shows_every_piece_its_diagnosis_and_its_report(serve, page, tmp_path: Path) -> None:
+    """Rows of 27 pieces as `batch` leaves them, 25 on the first page of the table; the report in words has a link."""
+    out = tmp_path / "results" / "lot" / "batch"
+    out.mkdir(parents=True)
+    tutorial("k31_plate", tmp_path)
+    shutil.copytree(TUTORIALS / "k31_plate", tmp_path / "lot")
+    columns = {"status": "ok", "reason": "", "k_eff": 0.45, "diagnosis": "misfit that no candidate explains"}
+    rows = [{"number": n, "file": f"{n}.toml", "specimen": f"piece {n}", **columns} for n in range(1, 28)]
+    write_table(rows, out / "table.csv", out / "table.parquet")
+    write_report(LotResult(rows, 0, 27), out)
+    open_page(page, serve(), "lot?lot=lot")
+    shown = cells(page, "specimens of the lot")
+    assert len(shown) == 25 and shown[0][-1] == columns["diagnosis"]
+    page.get_by_text("1-25 of 27").wait_for()
+    with page.context.expect_page() as opened:
+        page.get_by_role("link", name="lot.txt").click()
+    assert opened.value.inner_text("body").startswith("27 specimens: 27 updated")
 
 
 @pytest.mark.slow

@@ -48,6 +48,7 @@ def websocket(port: int, origin: str) -> int:
 def test_this_machine_alone_is_answered(serve, tmp_path: Path) -> None:
     (tmp_path / "results").mkdir()
     (tmp_path / "results/report.html").write_text("<script>1</script>")
+    (tmp_path / "results/circuit.cir").write_text(".subckt")
     (tmp_path / "results/x.py").write_text("secret")
     (tmp_path.parent / "outside.csv").write_text("secret")
     (tmp_path / "link.csv").symlink_to(tmp_path.parent / "outside.csv")
@@ -63,6 +64,7 @@ def test_this_machine_alone_is_answered(serve, tmp_path: Path) -> None:
     assert websocket(port, f"http://127.0.0.1:{port}") == 101
     status, headers, body = ask(port, "/files/results/report.html")
     assert status == 200 and body.startswith(b"<script>") and "sandbox" in headers["content-security-policy"]
+    assert ask(port, "/files/results/circuit.cir")[0] == 200
     own = os.listdir(tmp_path / ".femu-piezo")[0]
     for path in (
         "../outside.csv",

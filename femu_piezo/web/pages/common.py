@@ -10,6 +10,9 @@ from femu_piezo.output.tables import figure_scale
 from femu_piezo.units import number as printed
 from femu_piezo.web.site import Site
 
+#: Endings of the files of results that have a link.
+_LINKED = (".html", ".json", ".csv", ".txt", ".png", ".pdf", ".toml", ".cir", ".s1p")
+
 
 def figure_rows(figures: dict, model: bool = False) -> list[tuple[str, ...]]:
     """Rows (name, value, value of the finite elements where `model`, meaning) of standard figures of a JSON record."""
@@ -37,7 +40,7 @@ def report_links(site: Site, folder: Path) -> None:
     with ui.row().classes("gap-4 items-center"):
         ui.label("Files:")
         for path in sorted(folder.iterdir()):
-            if path.suffix in (".html", ".json", ".csv", ".png", ".pdf", ".toml") and not path.name.startswith("."):
+            if path.suffix in _LINKED and not path.name.startswith("."):
                 ui.link(path.name, site.address(site.workspace.name(path)), new_tab=True)
 
 

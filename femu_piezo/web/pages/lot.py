@@ -79,16 +79,16 @@ class _Lot:
                 return
             names = [name for name in PRINTED if any(row.get(name) for row in rows)]
             headings = ["number", "specimen", "status", *(f"{name} ({PRINTED[name][1]})" for name in names)]
-            headings += ["k_eff", "reason"]
+            told = [name for name in ("diagnosis", "reason") if any(row.get(name) for row in rows)]
+            headings += ["k_eff", *told]
             cells = [
                 [int(row["number"]), row["specimen"] or row["file"], row["status"]]
                 + [_scaled(row.get(name), PRINTED[name][0]) for name in names]
-                + [_scaled(row.get("k_eff"), 1.0), row["reason"]]
+                + [_scaled(row.get("k_eff"), 1.0), *(row[name] for name in told)]
                 for row in rows
             ]
-            found = table(headings, cells, "specimens of the lot")
-            found.props("wrap-cells").pagination = 25
-
+            found = table(headings, cells, "specimens of the lot", at_once=25)
+            found.props("wrap-cells")
             for record, row in zip(found.rows, rows, strict=True):
                 file = row["file"] if self._name == "." else f"{self._name}/{row['file']}"
                 record["piece"] = f"/update?{urlencode({'spec': file})}"
