@@ -9,6 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from femu_piezo.batch.lot import FEWEST, Distribution, Lot, counts_words
 from femu_piezo.output.curves import PRINTED
+from femu_piezo.output.picture import as_it_stands
 
 _POINTS = {"color": "#1f6fb4", "marker": ".", "linestyle": "none", "markersize": 4}
 _LIMIT = {"color": "#8c8c8c", "linewidth": 1.0, "linestyle": "--"}
@@ -78,5 +79,5 @@ def _chart(axes: Axes, distribution: Distribution, lot: Lot, factor: float, insi
         axes.plot(*place["xy"], **style)
         if rank < _LABELLED:
             align = {"va": "center"} if shown[item.number] else {"va": "top" if above else "bottom"}
-            axes.annotate(name, **place, xytext=(7, 0), textcoords="offset points", fontsize=7, **align)
+            axes.annotate(as_it_stands(name), **place, xytext=(7, 0), textcoords="offset points", fontsize=7, **align)
     axes.margins(x=0.02)

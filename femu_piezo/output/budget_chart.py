@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from femu_piezo.inference.budget import SOURCES
 from femu_piezo.inference.unknowns import Estimate
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.output.tables import percent
 
 #: Colour of each source, the same in every picture.
@@ -63,7 +63,7 @@ def budget_figure(title: str, parameters: Mapping[str, Estimate]) -> Figure:
     for row, label in enumerate(shares):
         axes.text(101, row, _deviation(label, parameters), va="center", fontsize=9)
     axes.set(xlim=(0, 100), xlabel="share of the variance (%)")
-    axes.set_title(title, fontsize=11, loc="left")
+    axes.set_title(as_it_stands(title), fontsize=11, loc="left")
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     for side in ("top", "right", "left"):

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from femu_piezo.inference.sampling import Samples
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.output.curves import PRINTED, UPDATED
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.units import number
 
 #: Points of a drawn Gaussian.
@@ -48,7 +48,7 @@ def corner_figure(title: str, samples: Samples, parameters: dict[str, Estimate])
                 panel.set_xlabel(rows[j][1], fontsize="small")
             if j == 0 < i:
                 panel.set_ylabel(label, fontsize="small")
-    picture.suptitle(f"{title}: {len(samples.values)} samples of the posterior")
+    picture.suptitle(f"{as_it_stands(title)}: {len(samples.values)} samples of the posterior")
     return picture
 
 

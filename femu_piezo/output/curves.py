@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from femu_piezo.material.constants import EPS0
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,7 +70,7 @@ def impedance_figure(outcome: Outcome) -> Figure:
     if held_out is not None:
         for axes in (magnitude, phase, misfit):
             axes.axvspan(held_out[0] * factor, held_out[1] * factor, color="#f3e6c4", zorder=0)
-    magnitude.set(xscale=scale, title=f"{specimen.name}: impedance, measured and simulated")
+    magnitude.set(xscale=scale, title=f"{as_it_stands(specimen.name)}: impedance, measured and simulated")
     misfit.set(ylabel="|Δ log Z| (%)", xlabel=label)
     figure.legend(*magnitude.get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False)
     misfit.grid(True, **GRID)
@@ -92,7 +92,7 @@ def iteration_figure(outcome: Outcome, names: tuple[str, ...]) -> Figure:
         values.plot(steps, moving.real / moving[-1].real, "o-", label=f"Re {name}", markersize=4)
         if moving[-1].imag:
             values.plot(steps, moving.imag / moving[-1].imag, "s:", label=f"Im {name}", markersize=4)
-    title = f"{outcome.measured.problem.specimen.name}: pole-zero iteration, λ = ω²(1 + jη)"
+    title = f"{as_it_stands(outcome.measured.problem.specimen.name)}: pole-zero iteration, λ = ω²(1 + jη)"
     distance.set(ylabel="|λ − λ measured| / |λ|", title=title)
     values.set(ylabel="constant / its final value", xlabel="iteration")
     for axes in (distance, values):
@@ -114,7 +114,7 @@ def simulation_figure(result: SimulationResult) -> Figure:
         frequency = np.array([resonance.frequency_Hz for resonance in resonances])
         height = np.interp(frequency, spectrum.frequency, np.abs(spectrum.impedance))
         magnitude.plot(frequency * factor, height, marker, color="#1f4e79", markersize=6, label=name, linestyle="none")
-    magnitude.set(ylabel="|Z| (Ω)", xscale=scale, title=f"{result.specimen.name}: simulated impedance")
+    magnitude.set(ylabel="|Z| (Ω)", xscale=scale, title=f"{as_it_stands(result.specimen.name)}: simulated impedance")
     phase.set(ylabel="phase of Z (°)", xlabel=label, yticks=[-90, -45, 0, 45, 90])
     figure.legend(*magnitude.get_legend_handles_labels(), loc="outside upper center", ncols=2, frameon=False)
     for axes in (magnitude, phase):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from femu_piezo.output.curves import MEASURED, PRINTED, UPDATED, draw_impedance, frequency_axis
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.output.tables import deviation_percent, figure_words
 from femu_piezo.specimen.geometry import LENGTHS
 from femu_piezo.standards.figures import StandardFigures
@@ -34,7 +34,8 @@ def data_sheet(result: UpdateResult, index: int = 0) -> Figure:
     """The page of one sweep of an update."""
     outcome, modes = result.outcomes[index], result.figures[index]
     page = Picture(figsize=_A4)
-    page.text(0.07, 0.955, outcome.measured.problem.specimen.name, size=16, weight="bold", color=_DARK)
+    name = as_it_stands(outcome.measured.problem.specimen.name)
+    page.text(0.07, 0.955, name, size=16, weight="bold", color=_DARK)
     page.text(0.07, 0.938, _body_words(outcome), size=8, color="#555555")
     page.add_artist(_rule(page, 0.93))
     constants, figures = _constants(result), _figures(modes)
@@ -140,6 +141,6 @@ def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]
             break
         lines += wrapped
         remaining.pop(0)
-    page.text(0.07, _NOTES, "\n".join(lines), size=7, va="top", color="#333333", linespacing=1.35)
+    page.text(0.07, _NOTES, as_it_stands("\n".join(lines)), size=7, va="top", color="#333333", linespacing=1.35)
     made = f"femu-piezo {metadata.version('femu-piezo')}, {datetime.now(UTC):%Y-%m-%d %H:%M UTC}"
     page.text(0.07, 0.03, made, size=6.5, color="#777777")

@@ -13,7 +13,7 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.readings import read_beside
 from femu_piezo.output.curves import BASELINE, GRID, MEASURED, UPDATED, frequency_axis
 from femu_piezo.output.diagnosis_words import answer
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.study.diagnose import DiagnosedSweep, Diagnosis
 
 
@@ -221,7 +221,9 @@ def diagnosis_figure(result: Diagnosis) -> Figure:
         for axes in (magnitude, before, after):
             axes.axvspan(unseen[0], unseen[-1], color="#f3e6c4", zorder=0)
     words = {"none": "explained within the noise", "effect": named, "unknown": "misfit that no candidate explains"}
-    magnitude.set(ylabel="|Z| (Ω)", xscale=scale, title=f"{result.specimen.name}: {words[result.verdict.word]}")
+    magnitude.set(
+        ylabel="|Z| (Ω)", xscale=scale, title=f"{as_it_stands(result.specimen.name)}: {words[result.verdict.word]}"
+    )
     magnitude.legend(frameon=False, fontsize=9)
     before.legend(frameon=False, fontsize=9, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderpad=0.1)
     after.set_xlabel(label)

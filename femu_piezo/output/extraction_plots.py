@@ -10,7 +10,7 @@ import numpy as np
 
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.stabilization import StabilizationDiagram, rational_stabilization
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.output.tables import with_deviations
 from femu_piezo.units import number
 
@@ -53,7 +53,7 @@ def extraction_figure(extraction: Extraction) -> Figure:
         0.0, 1.0, _summary(extraction), va="top", family="monospace", fontsize=8.5, transform=axes["text"].transAxes
     )
     words = f"poles and zeros ({extraction.method.replace('_', ' ')})" if fitted else "nothing could be extracted"
-    figure.suptitle(f"{Path(extraction.spectrum.source).name}: {words}")
+    figure.suptitle(f"{as_it_stands(Path(extraction.spectrum.source).name)}: {words}")
     return figure
 
 
@@ -144,7 +144,7 @@ def prony_figure(extraction: Extraction) -> Figure:
         singular.set(xlabel="number", ylabel="singular values of the Hankel matrix")
         _stabilization(extraction, stable, decomposition.diagram, f"{kind}s", factor)
         stable.set_xlabel(label)
-    figure.suptitle(f"{Path(extraction.spectrum.source).name}: Prony-SS")
+    figure.suptitle(f"{as_it_stands(Path(extraction.spectrum.source).name)}: Prony-SS")
     return figure
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from femu_piezo.output.curves import GRID, MEASURED, UPDATED, draw_impedance, frequency_axis
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 
 if TYPE_CHECKING:
     from femu_piezo.study.adaptive import State
@@ -35,7 +35,7 @@ def measuring_figure(title: str, states: Sequence[State]) -> Figure:
     for number, place in enumerate(last.departures):
         magnitude.axvline(place * factor, label="" if number else "point that departs from the model", **_DEPARTED)
         phase.axvline(place * factor, **_DEPARTED)
-    magnitude.set(title=f"{title}: {len(last.spectrum)} points")
+    magnitude.set(title=f"{as_it_stands(title)}: {len(last.spectrum)} points")
     magnitude.legend(loc="best", fontsize="small")
     magnitude.tick_params(labelbottom=False)
     phase.set(xlabel=label)

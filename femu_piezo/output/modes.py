@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.output.render import (
     COLORS,
     ELECTRODE_COLORS,
@@ -66,7 +66,7 @@ def _described(mode: DrivenMode):
 def _headline(result: ModesResult, number: int) -> str:
     mode = result.modes[number]
     coupling = "" if mode.k_eff is None else f", $k_\\mathrm{{eff}}$ = {mode.k_eff:.3f}"
-    return f"{result.specimen.name}: mode {number + 1}, {mode.pole_family}{coupling}"
+    return f"{as_it_stands(result.specimen.name)}: mode {number + 1}, {mode.pole_family}{coupling}"
 
 
 def _frequency(value: float) -> str:
@@ -101,7 +101,7 @@ def overview_figure(result: ModesResult) -> Figure:
         axis.set_title(title, fontsize=10)
     low, high = result.band
     band = f"up to {_frequency(high)}" if low == 0 else f"from {_frequency(low)} to {_frequency(high)}"
-    title = f"{result.specimen.name}: driven modes {band}"
+    title = f"{as_it_stands(result.specimen.name)}: driven modes {band}"
     figure.suptitle(f"{title}\n(poles, coloured by |u| from dark to bright)", fontsize=13)
     return figure
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from scipy.stats import binom
 
 from femu_piezo.output.curves import GRID
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.study.noise_study import Setting
 
 #: Colours of the constants, in their order.
@@ -69,5 +69,7 @@ def noise_study_figure(title: str, settings: Sequence[Setting]) -> Figure:
     axes[3, 0].set(ylabel="share within 1 (●) and 2 (■) stated σ", ylim=(0.4, 1.02))
     axes[0, 1].legend(frameon=False, fontsize=8)
     axes[1, 1].legend(frameon=False, fontsize=8)
-    picture.suptitle(f"{title}: {len(plan.error)} updates of random specimens; dots: scatter found, lines: stated")
+    picture.suptitle(
+        f"{as_it_stands(title)}: {len(plan.error)} updates of random specimens; dots: scatter found, lines: stated"
+    )
     return picture

@@ -14,6 +14,11 @@ _DECADES = 2.0
 _RAISED = str.maketrans("-−0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
+def as_it_stands(text: str) -> str:
+    """Words that hold a name of the user, of whose dollar signs matplotlib makes no formula."""
+    return text.replace("$", r"\$")
+
+
 class PowersOfTen(LogFormatterSciNotation):
     """Ticks 10³ and 2×10³ as plain text, which is laid out in a tenth of the time that formulas take."""
 

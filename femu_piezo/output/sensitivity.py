@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from femu_piezo.inference.sensitivity import Sensitivity
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.output.curves import GRID, MEASURED, frequency_axis
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 
 #: Colour of each constant, the same in every picture.
 COLOURS = dict(
@@ -32,7 +32,9 @@ def sensitivity_figure(result: Sensitivity) -> Figure:
         values = size[:, D_FORM.index(name)]
         if values.max() > 1e-4 * size.max():
             slopes.semilogy(x, values, color=COLOURS[name], label=name, linewidth=1.3)
-    magnitude.set(ylabel="|Z| (Ω)", xscale=scale, title=f"{result.title}: sensitivity of Z to each constant")
+    magnitude.set(
+        ylabel="|Z| (Ω)", xscale=scale, title=f"{as_it_stands(result.title)}: sensitivity of Z to each constant"
+    )
     slopes.set(ylabel="|∂ log Z / ∂ log θ|", xlabel=label, ylim=(1e-4 * size.max(), 2 * size.max()))
     slopes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     for axes in (magnitude, slopes):

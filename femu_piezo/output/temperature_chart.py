@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from femu_piezo.output.curves import GRID, PRINTED, UPDATED
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.study.temperature import TemperatureSeries
 from femu_piezo.units import number
 
@@ -36,5 +36,5 @@ def temperature_figure(title: str, series: TemperatureSeries) -> Figure:
         for row, (slope, std) in enumerate(((one.relative, one.std), (one.tangent, one.tangent_std))):
             axes[row, column].set_title(f"({number(1e6 * slope, 1e6 * std)}) · 10⁻⁶/K", fontsize="medium")
         axes[1, column].set_xlabel("temperature (°C)")
-    picture.suptitle(f"{title}: constants over temperature, ± one standard deviation")
+    picture.suptitle(f"{as_it_stands(title)}: constants over temperature, ± one standard deviation")
     return picture

@@ -11,6 +11,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.figure import Figure
 
 from femu_piezo.output.curves import PRINTED
+from femu_piezo.output.picture import as_it_stands
 from femu_piezo.store.control import MONTH_S, RUN, Control, Drift
 
 _POINT, _LINE, _LIMIT, _BEYOND = "#1f6fb4", "#222222", "#8c8c8c", "#c0392b"
@@ -72,7 +73,7 @@ def _lots(axes: Axes, control: Control, factor: float) -> None:
         is_right = 2 * index < len(means.lots)  # in the first half, the name is right of the point
         place = {"xytext": (4 if is_right else -4, 4), "textcoords": "offset points", "fontsize": 7}
         align = "left" if is_right else "right"
-        axes.annotate(name[-18:], (when[index], factor * means.mean[index]), ha=align, **place)
+        axes.annotate(as_it_stands(name[-18:]), (when[index], factor * means.mean[index]), ha=align, **place)
     axes.margins(x=0.05, y=0.15)
     axes.ticklabel_format(axis="y", useOffset=False)
 

@@ -17,7 +17,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.touchstone import touchstone_text
 from femu_piezo.output.curves import GRID, MEASURED, UPDATED, draw_impedance, frequency_axis
 from femu_piezo.output.folder import prepare_folder, write_figure, write_json
-from femu_piezo.output.picture import Picture
+from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.output.results.result import Result
 from femu_piezo.output.tables import note_lines, text_of
 from femu_piezo.units import hertz, number
@@ -61,7 +61,7 @@ class EquivalentCircuit(Result, Circuit):
         if self.sweep is not None:
             misfit.semilogy(x, 100 * np.abs(self.impedance / self.sweep - 1), **MEASURED, label="from the sweep")
             misfit.legend()
-        magnitude.set(xscale=scale, title=f"{self.name}: equivalent circuit")
+        magnitude.set(xscale=scale, title=f"{as_it_stands(self.name)}: equivalent circuit")
         misfit.set(ylabel="difference (%)", xlabel=label)
         figure.legend(*magnitude.get_legend_handles_labels(), loc="outside upper center", ncols=2, frameon=False)
         misfit.grid(True, **GRID)
