@@ -13,6 +13,7 @@ from femu_piezo.batch.pool import LocalPool, Pool
 from femu_piezo.batch.progress import lot_progress
 from femu_piezo.batch.run import Diagnosed, run_lot
 from femu_piezo.errors import InputError
+from femu_piezo.specimen.file import read_specimens
 from femu_piezo.threads import available_cores
 
 #: Modules of table and report, which load large libraries.
@@ -41,6 +42,8 @@ def run_batch(
     keep : called with every finished job and its record, as soon as the record is on disk
     """
     jobs = find_jobs(folder, specimen, correct_phase=correct_phase, mask_faults=mask_faults)
+    if specimen is not None:
+        read_specimens([specimen], jobs[0].sweep)  # what is wrong with it would be the reason in every row
 
     def make_pool() -> Pool:
         # this process waits while the workers start: time to load what it needs at the end

@@ -249,10 +249,13 @@ def lot_text(lot: Lot) -> str:
 def _distribution_line(one: Distribution) -> str:
     """Median, spread, limits and drift of one quantity."""
     factor, unit = _unit(one.quantity)
+    if one.values.size == 1:
+        std = "" if one.measurement is None else f", std of the measurement {_share(one.measurement, one.centre)}"
+        return f"{one.quantity:13s} {factor * one.centre:.5g}{unit}, one value{std}"
     low, high = (factor * limit for limit in one.limits)
     beyond = f"{one.beyond} beyond" if one.values.size >= FEWEST else "values beyond are not counted"
     return (
-        f"{one.quantity:12s} median {factor * one.centre:.5g}{unit}, robust std {_share(one.sigma, one.centre)}"
+        f"{one.quantity:13s} median {factor * one.centre:.5g}{unit}, robust std {_share(one.sigma, one.centre)}"
         + ("" if one.measurement is None else f", std of one measurement {_share(one.measurement, one.centre)}")
         + f", limits {low:.5g} … {high:.5g}{unit} ({beyond})"
         + (f", drifts by {one.drift / abs(one.centre):+.2%} over the lot (p = {one.drift_p:.1g})" if one.drifts else "")

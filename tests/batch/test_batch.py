@@ -245,6 +245,7 @@ def test_natural_order():
         (["{sweeps}", "--out", "{tmp}/o"], "no files *.toml"),
         (["{tmp}/none", "--out", "{tmp}/o"], "no folder"),
         (["{sweeps}", "--specimen", "{tmp}/none.toml", "--out", "{tmp}/o"], "no such specimen file"),
+        (["{sweeps}", "--specimen", "{sweeps}/p1.csv", "--out", "{tmp}/o"], "this is not TOML"),
         (["{sweeps}", "--specimen", "{specimen}", "--out", "{sweeps}"], "cannot go into the folder of the lot"),
         (
             ["{sweeps}", "--specimen", "{specimen}", "--out", "{tmp}/o", "--scheduler", "x", "--workers", "1"],

@@ -67,6 +67,11 @@ def test_a_small_lot_says_that_values_beyond_its_limits_are_not_counted():
     assert lot.to_json()["quantities"]["s11"]["beyond_limits"] == 0
 
 
+def test_one_value_has_no_spread():
+    text = lot_text(lot_of(rows(np.array([CENTRE]))))
+    assert "one value" in text and "robust" not in text and "limits " not in text.splitlines()[1]
+
+
 def test_axes_of_the_chart_have_no_offset():
     figure = lot_figure(lot_of(rows(-2.74e-10 * (1 + 1e-5 * np.arange(9.0)))))
     figure.draw_without_rendering()
