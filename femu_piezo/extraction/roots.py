@@ -14,7 +14,7 @@ from femu_piezo.extraction.covariance import Spread
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.order import MAX_LOSS, MAX_PHASE
 from femu_piezo.resonances import Kind, Resonance, ResonanceSet, effective_coupling
-from femu_piezo.units import hertz
+from femu_piezo.units import hertz, number
 
 MAX_RELATIVE_STD_LOSS = 0.35  # a resonance has its loss known to better than this
 MIN_RESIDUE_SIGMA = 4.0  # |residue| in units of its standard deviation
@@ -55,7 +55,7 @@ class Pair:
             f"Q is {self.pole.quality_factor:.0f} at {hertz(self.pole.frequency_Hz)} Hz (pole) and "
             f"{self.zero.quality_factor:.0f} at {hertz(self.zero.frequency_Hz)} Hz (zero): the piezoelectric loss "
             f"tangent lies {'above' if above else 'below'} the mean of the dielectric and elastic ones, "
-            f"2 tan θ − tan δ − tan φ = {-self.coupling_phase:.4f} ± {self.std_coupling_phase:.1g}"
+            f"2 tan θ − tan δ − tan φ = {number(-self.coupling_phase, self.std_coupling_phase)}"
         )
 
 

@@ -26,8 +26,8 @@ _DARK, _ACCENT = "#222222", "#c0392b"
 _TOP, _CURVES, _NOTES, _STEP, _SIZE, _HEAD = 0.905, 0.37, 0.145, 0.0145, 7.6, 3.3
 #: Figures of the modes after the fundamental that the sheet states.
 _OF_FURTHER_MODES = ("fs", "fp", "k_eff", "Qm_pole", "kt", "Nt", "c33", "c33D")
-#: Characters of a line of notes, and the lines of notes that have room.
-_WIDTH, _LINES = 140, 8
+#: Characters of a name in large letters; characters of a line of notes, and the lines of notes that have room.
+_NAME, _WIDTH, _LINES = 48, 130, 8
 
 
 def data_sheet(result: UpdateResult, index: int = 0) -> Figure:
@@ -35,7 +35,7 @@ def data_sheet(result: UpdateResult, index: int = 0) -> Figure:
     outcome, modes = result.outcomes[index], result.figures[index]
     page = Picture(figsize=_A4)
     name = as_it_stands(outcome.measured.problem.specimen.name)
-    page.text(0.07, 0.955, name, size=16, weight="bold", color=_DARK)
+    page.text(0.07, 0.955, name, size=16 * _NAME / max(_NAME, len(name)), weight="bold", color=_DARK)
     page.text(0.07, 0.938, _body_words(outcome), size=8, color="#555555")
     page.add_artist(_rule(page, 0.93))
     constants, figures = _constants(result), _figures(modes)
@@ -135,7 +135,8 @@ def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]
     sentences.insert(0, "± is one standard deviation; a constant is value (1 − j tan), time factor exp(jωt)")
     lines, remaining = [], list(sentences)
     while remaining:
-        wrapped = textwrap.wrap(f"{remaining[0][0].upper()}{remaining[0][1:]}.", _WIDTH)
+        sentence = f"{remaining[0][0].upper()}{remaining[0][1:]}.".replace(" %", "\N{NO-BREAK SPACE}%")
+        wrapped = textwrap.wrap(sentence, _WIDTH)
         if len(lines) + len(wrapped) > _LINES - (len(remaining) > 1):
             lines.append(f"{len(remaining)} more notes are in update.json.")
             break

@@ -153,8 +153,8 @@ def figure_scale(name: str, unit: str) -> tuple[float, str]:
 
 
 def deviation_percent(share: float | None) -> str:
-    """A relative deviation in per cent, "" where there is none."""
-    if share is None or abs(share) < 5e-8:
+    """A relative deviation in per cent, "" where there is none; below a ten-thousandth of a per cent it is 0 %."""
+    if share is None or abs(share) < 1e-6:
         return "" if share is None else "0 %"
     return f"{100 * share:+.0f} %" if abs(share) >= 1 else f"{100 * share:+.2g} %"
 

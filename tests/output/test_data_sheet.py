@@ -56,6 +56,20 @@ def test_nothing_leaves_the_page_or_lies_over_the_curves(result, modes, notes):
         assert not any(inner.overlaps(other) for other in others[index + 1 :]), text
 
 
+def test_a_long_name_and_the_notes_end_at_the_right_margin(result):
+    words = "what the handbook formulas get wrong k31 -1.1 %, kp +0.33 %, s11 +2.9 % " * 4
+    first = result.outcomes[0]
+    specimen = first.measured.problem.specimen.model_copy(update={"name": "a name of a piece " * 6})
+    measured = replace(first.measured, problem=replace(first.measured.problem, specimen=specimen))
+    long = replace(result, outcomes=(replace(first, measured=measured),), notes=(words,))
+    long.__dict__["figures"] = result.figures
+    page = data_sheet(long)
+    right = 0.935 * page.canvas.get_width_height()[0]
+    for text, box in _boxes(page)[0]:
+        assert box.x1 < right, text
+        assert not any(line.startswith("%") for line in text.splitlines()), text
+
+
 def test_one_page_of_pdf(result):
     data = as_pdf(data_sheet(result))
     assert data.startswith(b"%PDF") and data.count(b"/Type /Page ") + data.count(b"/Type /Page\n") == 1

@@ -7,9 +7,11 @@ the thickness plate. Their constants are recovered within 1e-4; a loss of 1e-3 c
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy.special import jv
 
 import femu_piezo as fp
@@ -17,6 +19,7 @@ from femu_piezo.extraction import extract
 from femu_piezo.extraction.roots import fundamental
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.output.tables import deviation_percent, extraction_table
 from femu_piezo.specimen.file import CONSTANTS
 from femu_piezo.standards.figures import read_curve, standard_figures
 from femu_piezo.standards.frequencies import characteristic_frequencies
@@ -299,3 +302,17 @@ def test_deviations_of_capacitance_and_loss_cover_the_truth():
             one, truth = (next(f for f in figures.figures if f.name == name) for figures in (found, exact))
             away.append((one.value - truth.value) / one.std)
     assert 0.8 < np.sqrt(np.mean(np.square(away))) < 1.2
+
+
+def test_numbers_have_no_powers_of_ten_and_the_digits_of_their_deviation():
+    assert [deviation_percent(share) for share in (None, 8.8e-8, -0.0112)] == ["", "0 %", "-1.1 %"]
+    frequency = np.linspace(26e9, 46e9, 121)  # MHz taken for Hz
+    z = k31_bar.impedance(
+        2e-6 * np.pi * frequency, (40e-3, 3e-3, 0.5e-3), 7500.0, 16.5e-12 - 2.5e-13j, -274e-12 + 3.6e-12j, 3e-8 - 4e-10j
+    )
+    found = extract(ImpedanceSpectrum(frequency, noisy(z, 1e-3, np.random.default_rng(1))))
+    console = Console(width=200)
+    with console.capture() as printed:
+        console.print(extraction_table(found))
+    pole = printed.get().splitlines()[0]
+    assert re.fullmatch(r"pole +3\d{10} ± \d{5} Hz   loss 0\.0\d+ ± 0\.0+\d\d   Q \d+\.\d+ *", pole), pole
