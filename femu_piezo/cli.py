@@ -546,12 +546,13 @@ def export(file: Path, to: str, out: Path, density: float | None, poling: tuple[
     ANSYS and Abaqus real constants and the loss factors that they accept.
     """
     from femu_piezo.api import export as run
+    from femu_piezo.material.programs.writers import program
     from femu_piezo.study.export import cautions, constants_of_record
 
     run(file, to, density=density, poling=poling, folder=out)
     for caution in cautions(constants_of_record(file)[0]):
         click.echo(f"note: {caution}")
-    click.echo(f"the material of {file} for {to} is in {out}")
+    click.echo(f"the material of {file} for {to} is in {out / f'material.{program(to).suffix}'}")
 
 
 @main.command()

@@ -19,10 +19,10 @@ def subcircuit_name(circuit: Circuit) -> str:
 def spice_text(circuit: Circuit) -> str:
     """The subcircuit between its terminals a and b, all digits; every inner node has a path for direct current."""
     low, high = circuit.frequency[[0, -1]]
-    largest = circuit.misfit[1]
+    misfit = f"{100 * circuit.misfit[1]:.2g} %"
     name = subcircuit_name(circuit)
     lines = [
-        f"* Equivalent circuit made by femu-piezo, {hertz(low)} to {hertz(high)} Hz, within {largest:.2g} of its curve",
+        f"* Equivalent circuit made by femu-piezo, {hertz(low)} to {hertz(high)} Hz, within {misfit} of its curve",
         f"* use: X1 a b {name}",
         f".subckt {name} a b",
     ]

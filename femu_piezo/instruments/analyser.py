@@ -322,7 +322,9 @@ class Session:
                 self.address, read_termination="\n", write_termination="\n", timeout=1000 * self._timeout
             )
         except (self._visa.Error, ValueError, OSError) as error:
-            raise self._unreachable(_words(error)) from None
+            is_address = "::" in self.address
+            why = _words(error) if is_address else "a VISA address is such as TCPIP::192.168.0.7::5025::SOCKET"
+            raise self._unreachable(why) from None
 
     def _unreachable(self, why: str) -> InstrumentError:
         return InstrumentError(
@@ -365,7 +367,7 @@ class Session:
             if error.error_code == self._visa.constants.StatusCode.error_timeout:
                 seconds = self._resource.timeout / 1000
                 raise InstrumentError(
-                    f"{self.address} gave no whole answer to {text!r} within {seconds:g} s; {ONWARDS}"
+                    f"{self.address} gave no whole answer to {text!r} within {seconds:.3g} s; {ONWARDS}"
                 ) from None
             raise InstrumentError(f"the connection to {self.address} broke ({_words(error)}); {ONWARDS}") from None
         except (OSError, UnicodeDecodeError) as error:

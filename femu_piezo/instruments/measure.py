@@ -81,7 +81,7 @@ def measure(
     points = PointFile(prepare_folder(out) / "points.csv", settings)
     begun, bases, states = points.read(), SharedBases(), []
     if begun is not None:
-        tell(f"{len(begun)} points are in {points.path} already")
+        tell(f"{len(begun)} points are in {points.path} already and count; give another --out for another piece")
 
     def shown(state: State) -> None:
         states.append(state)

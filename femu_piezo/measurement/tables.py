@@ -168,8 +168,9 @@ def _is_number(cell: str, delimiter: str | None) -> bool:
 def _check_count(names: Sequence[str], width: int, what: str, source: str) -> None:
     """InputError where the names of columns that a file is read with are not as many as its columns."""
     if len(names) != width:
+        named = "1 column" if len(names) == 1 else f"{len(names)} columns"
         raise InputError(
-            f"{source}: the key columns names {len(names)} columns ({', '.join(names)[:80]}), and the rows have "
+            f"{source}: the key columns names {named} ({', '.join(names)[:80]}), and the rows have "
             f'{width}{what}; name each, with "" for a column that is not used'
         )
 

@@ -73,6 +73,7 @@ def test_every_fault_keeps_the_points_and_the_same_command_goes_on(plate, specim
         done = run(specimen, running.address, out, *wish, "--lot", "may", "--store")
         assert done.exit_code == 0, done.output
         assert running.is_off() and running.largest_voltage() == 0.5
+    assert "another --out for another piece" in done.output
     assert "32 points are in" in done.output and "the requested deviations are reached" in done.output
     sweep = read_spectrum(out / "sweep.csv")
     assert np.all(np.isin(before, sweep.frequency)) and len(sweep) == 64

@@ -161,8 +161,9 @@ NOTHING = {name: {"value": 0, "tan": 0} for name in PZT.as_dict()}
 def test_the_command_writes_the_constants_of_an_update(name, tmp_path):
     (tmp_path / "update.json").write_text(json.dumps(RECORD), encoding="utf-8")
     arguments = ["export", str(tmp_path / "update.json"), "--to", name, "--out", str(tmp_path / "out")]
-    succeeded(*arguments, "--poling", "0", "1", "0")
+    said = succeeded(*arguments, "--poling", "0", "1", "0").output
     written = tmp_path / "out" / f"material.{PROGRAMS[name].suffix}"
+    assert said.endswith(f"is in {written}\n")
     material, density = PROGRAMS[name].read(written.read_text(encoding="utf-8"))
     assert density == 7500.0
     truth = PiezoConstants.from_vector(PZT.vector() * (1 - 0.01j))
