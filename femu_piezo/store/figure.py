@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.picture import as_it_stands
@@ -37,10 +38,14 @@ def lots_figure(controls: Sequence[Control]) -> Figure:
     else:
         axes[0, 0].text(0.5, 0.5, "no piece has a result", ha="center", transform=axes[0, 0].transAxes)
     axes[-1, 0].set_xlabel("piece, in the order of measurement")
+    axes[-1, 0].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes[-1, 1].set_xlabel("mean time of measurement (UTC)")
     locator = AutoDateLocator()
     axes[-1, 1].xaxis.set_major_locator(locator)
     axes[-1, 1].xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    if len({seconds for control in controls for seconds in control.means.time.tolist()}) == 1:
+        day = date2num(datetime.fromtimestamp(controls[0].means.time[0], UTC))
+        axes[-1, 1].set_xlim(day - 1, day + 1)  # of a single date matplotlib makes an axis of four years
     figure.align_ylabels(axes[:, 0])
     return figure
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from femu_piezo.store.control import MONTH_S, individuals, lot_means, trend
+from femu_piezo.store.control import MONTH_S, controls, individuals, lot_means, trend
+from femu_piezo.store.figure import lots_figure
 
 
 def test_individuals_of_the_handbook():
@@ -58,3 +61,22 @@ def test_the_deviation_of_a_drift_covers_the_truth(lots, between):
 def test_a_single_day_or_two_lots_have_no_trend():
     assert trend(np.linspace(0, 3600, 50), np.linspace(1, 2, 50), np.zeros(50)) is None
     assert trend(np.arange(2) * MONTH_S, np.array([1.0, 2.0]), np.zeros(2)) is None
+
+
+@pytest.mark.parametrize(("lots", "days"), [(1, 2.0), (3, 60.0)])
+def test_axes_of_the_chart_have_whole_pieces_and_the_days_of_the_lots(lots, days):
+    start = datetime(2026, 11, 27, 12, tzinfo=UTC)
+    rows = [
+        {
+            "status": "ok",
+            "lot": f"$x_$ {n % lots}",
+            "measured": start + timedelta(days=30 * (n % lots)),
+            "k_eff": 0.4 + 0.01 * n,
+        }
+        for n in range(4)
+    ]
+    figure = lots_figure(controls(rows))
+    figure.draw_without_rendering()
+    pieces, times = (axes.xaxis for axes in figure.axes[-2:])
+    assert all(float(label.get_text()).is_integer() for label in pieces.get_ticklabels())
+    assert np.ptp(times.get_view_interval()) == pytest.approx(days, rel=0.2)
