@@ -174,6 +174,7 @@ def _axis(title: str, kind: str = "linear") -> dict:
         "automargin": True,
         "gridcolor": "rgba(128,128,128,0.25)",
         "zeroline": False,
+        **({"nticks": 5} if kind == "log" else {}),  # with more, digits below each decade lie over one another
     }
 
 

@@ -15,6 +15,8 @@ import pytest
 from femu_piezo.batch.report import write_report
 from femu_piezo.batch.run import LotResult
 from femu_piezo.batch.table import write_table
+from femu_piezo.measurement.readers import write_spectrum
+from tests.batch.lots import sweep
 from tests.commands import succeeded
 
 from .conftest import TUTORIALS, Server
@@ -290,6 +292,19 @@ def test_a_lot_is_computed_charted_and_leads_to_its_pieces(serve, page, tmp_path
     page.locator('[aria-label="control chart"] .js-plotly-plot, [aria-label="control chart"]').first.wait_for()
     page.get_by_role("link", name="k31 plate two").click()
     page.wait_for_url("**spec=second.toml*")
+
+
+def test_labels_of_a_logarithmic_axis_do_not_overlap(serve, page, tmp_path: Path) -> None:
+    """|Z| over two decades, where labels of all digits have no room."""
+    write_spectrum(sweep(1), tmp_path / "sweep.csv")
+    open_page(page, serve(), "sweep")
+    drawn(page)
+    overlap = page.evaluate(
+        """() => { const boxes = [...document.querySelectorAll('.ytick text')].map(one => one.getBoundingClientRect());
+            return boxes.some((one, k) => boxes.some((other, n) => n > k && one.top < other.bottom - 1
+                && other.top < one.bottom - 1 && one.left < other.right && other.left < one.right)); }"""
+    )
+    assert not overlap
 
 
 def test_a_lot_shows_every_piece_its_diagnosis_and_its_report(serve, page, tmp_path: Path) -> None:
