@@ -117,9 +117,8 @@ def check_unknowns(unknowns: float, entries: float = 0.0) -> None:
     """InputError where a model, or the entries of its operator, would be too large for a few GB of memory."""
     if not fits(unknowns, entries):
         raise InputError(
-            f"the mesh would have about {unknowns:.2g} unknowns, too many to be solved; check the unit of the "
-            "frequencies, lower the highest one (simulation.stop, --band of modes) or ask for less accuracy "
-            "(update.accuracy = 1e-3)"
+            f"the mesh would have about {unknowns:.2g} unknowns, too many to be solved; lower the highest frequency "
+            "(simulation.stop, --band of modes; is its unit right?) or ask for less accuracy (update.accuracy = 1e-3)"
         )
 
 

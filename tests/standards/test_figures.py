@@ -315,4 +315,4 @@ def test_numbers_have_no_powers_of_ten_and_the_digits_of_their_deviation():
     with console.capture() as printed:
         console.print(extraction_table(found))
     pole = printed.get().splitlines()[0]
-    assert re.fullmatch(r"pole +3\d{10} ± \d{5} Hz   loss 0\.0\d+ ± 0\.0+\d\d   Q \d+\.\d+ *", pole), pole
+    assert re.fullmatch(r"pole +3\d{10} ± \d{5} Hz   loss 0\.0\d+ ± 0\.0+\d\d +Q \d+\.\d+ *", pole), pole
