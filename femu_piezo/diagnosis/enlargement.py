@@ -91,6 +91,8 @@ class Enlargement:
         self._fit_roughly()
         if self._from_no_cause:
             self._fit_from_steps()
+        if self._from_no_cause and strain_of(self._current) < self._rules.doubt:
+            self._fit_from_means()
         if self._from_no_cause and self._unexplained():
             self._fit_the_rest()
         if self._forms:
@@ -148,6 +150,15 @@ class Enlargement:
             if found is not None:
                 prospect.odds = self._odds(found, prospect.effect)
 
+    def _record_better(self, chosen: Sequence[_Prospect], fits: Sequence[Fit | None]) -> None:
+        """Record the fits that are better than the rough ones before."""
+        better = [
+            (prospect, fit)
+            for prospect, fit in zip(chosen, fits, strict=True)
+            if fit is not None and (prospect.rough is None or fit.log_evidence > prospect.rough.log_evidence)
+        ]
+        self._record([prospect for prospect, _ in better], [fit for _, fit in better])
+
     def _fit_roughly(self) -> None:
         """Fit causes in the order of the log odds they promise, then forms of unknown errors."""
         in_order = sorted(self._prospects, key=lambda prospect: prospect.promised_odds)[::-1]
@@ -185,6 +196,36 @@ class Enlargement:
         worth = [prospect for prospect in without_fit if self._hopeful(prospect)]
         self._record(worth, list(in_parallel(self._roughly, worth)))
 
+    def _fit_from_means(self) -> None:
+        """Screen causes again one step from the prior means of the tolerances, and fit those that now promise more.
+
+        For a set whose tolerances are strained: they may compensate the true cause, and where they stand linearisation
+        promises little of it. It promises too little by half the χ² of the priors at most. Causes at a place are left
+        out.
+        """
+        best = max((prospect.odds for prospect in self._of_causes), default=-np.inf)
+        relief = float(self._current.further_residual @ self._current.further_residual) / 2
+        chosen = [
+            prospect
+            for prospect in self._of_causes
+            if prospect.effect.sites is None
+            and max(prospect.promised_odds, prospect.odds) + relief > best - self._rules.contender
+        ]
+        response, current = self._weighing.response, self._current
+
+        def one_step(prospect: _Prospect) -> Start:
+            return stepped_start(response, current, starts_at_prior_means(response, current, prospect.effect)[0])
+
+        more = []
+        for prospect, start in zip(chosen, in_parallel(one_step, chosen), strict=True):
+            promise = self._odds(start.linear, prospect.effect)
+            if promise > max(prospect.promised_odds, prospect.odds) + self._rules.alike:
+                prospect.starts = sorted([*prospect.starts, start], key=attrgetter("promised_chi_square"))
+                prospect.promised_odds = promise
+                more.append(prospect)
+        worth = [prospect for prospect in more if self._hopeful(prospect)]
+        self._record_better(worth, list(in_parallel(self._roughly, worth)))
+
     def _fit_the_rest(self) -> None:
         """Fit the causes not tried so far: a misfit counts as unexplained only once every cause was fitted."""
         rest = [prospect for prospect in self._of_causes if not prospect.tried]
@@ -210,13 +251,7 @@ class Enlargement:
         leading = self._leading()
         others = [prospect for prospect in self._of_causes if prospect is not leading]
         for batch in ([leading] if leading else [], others):
-            found = list(in_parallel(self._from_means, batch))
-            better = [
-                (prospect, fit)
-                for prospect, fit in zip(batch, found, strict=True)
-                if fit is not None and (prospect.rough is None or fit.log_evidence > prospect.rough.log_evidence)
-            ]
-            self._record([prospect for prospect, _ in better], [fit for _, fit in better])
+            self._record_better(batch, list(in_parallel(self._from_means, batch)))
             if not self._strained():
                 break
 

@@ -53,6 +53,8 @@ def _number(name: str, default: int) -> int:
         ("disk:contact_gap", 540000, 0.9),
         ("disk:temperature_drift", 540000, 0.9),
         ("laboratory:point_mass", 500000, 0.9),
+        ("ring:fluid_load", 600000, 0.5),
+        ("disk:unequal_electrode_mass", 600000, 0.9),
     ],
 )
 def test_causes_whose_fits_take_many_steps_are_found(name, seed, least, tmp_path):
@@ -90,6 +92,10 @@ def test_causes_whose_fits_take_many_steps_are_found(name, seed, least, tmp_path
     disk 540000, gap: a fit of the constants alone ends at the wall of the stable materials, where no basis is exact.
 
     disk 540000, drift: a parabola in d between ±0.4 % misses the zero by twice the noise, and a crack fits better.
+
+    ring and disk 600000: tolerances compensate the effect, the compliance s13 of the ring by six of its deviations.
+    Where they stand linearisation promises a quarter of the evidence, and a support was named with 1.00. An elastic
+    loss fits the ring as well as its fluid does.
 
     mass 500000: it is 1.6 deviations from zero, as its place makes up for it; a step is 2000 times less probable.
     """
