@@ -312,6 +312,11 @@ def _notes(
     notes = [note for one in measured for note in one.spectrum.notes]
     notes += dict.fromkeys(note for one in measured for note in electrode_notes(one.piece))
     notes += [f"poles and zeros: {note}" for one in measured for note in one.extraction.notes]
+    if measured[0].problem.specimen.material.simplified:
+        notes.append(
+            "the simplified material is taken as exact: the standard deviations do not include what it gets wrong; "
+            "leave out simplified for those of all constants"
+        )
     notes += [f"updated constants: {fault}" for fault in constants.physical_faults(tolerance=1e-3)]
     notes += [note for one in several for note in one.noise_notes]
     if known is not None:
