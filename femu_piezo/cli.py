@@ -690,10 +690,11 @@ def measure(
     after Ctrl-C. Points are written to points.csv as the analyser sends them; after an interruption the same command
     continues from there.
 
-    Writes live.png after every round, sweep.csv, measure.json, measured.toml (SPEC with this sweep) and the files of
-    `update`; with --diagnose or --separate the folder diagnosis, with --diagnose also sweeps in the opposite direction
-    and at a third of the voltage where the diagnosis recommends them. With --plan nothing is measured: plan.csv,
-    plan_segments.csv and plan_e4990a.scpi hold the frequencies for an analyser without a connection. Needs
+    Writes piece.toml (what is measured), live.png after every round, sweep.csv, measure.json, measured.toml (SPEC with
+    this sweep) and the files of `update`; with --diagnose or --separate the folder diagnosis, with --diagnose also
+    sweeps in the opposite direction and at a third of the voltage where the diagnosis recommends them. With --plan
+    nothing is measured: plan.csv, plan_segments.csv and plan_e4990a.scpi hold the frequencies for an analyser without a
+    connection. Needs
     pip install 'femu-piezo[measure]'.
     """
     from femu_piezo.specimen.file import read_specimen

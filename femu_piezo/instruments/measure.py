@@ -21,15 +21,18 @@ from femu_piezo.output.folder import prepare_folder, write_figure, write_json
 from femu_piezo.output.measuring import measuring_figure
 from femu_piezo.output.results.diagnosed import Diagnosed
 from femu_piezo.output.results.updated import Updated
-from femu_piezo.specimen.file import Measurement, Specimen, Sweep, write_specimen
+from femu_piezo.specimen.file import Measurement, Specimen, Sweep, read_specimen, write_specimen
 from femu_piezo.study.adaptive import Adapted, State, Wish, adapt, joined, merged
 from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.planning import OPPOSITE, THIRD
+from femu_piezo.study.problem import prepare
 from femu_piezo.study.progress import Progress
 from femu_piezo.units import signed
 
 #: Most points of one sweep of the analyser; a crash during a sweep loses no more.
 _BLOCK = 32
+#: The specimen whose points a folder holds.
+_PIECE = "piece.toml"
 _HEADER = "frequency_Hz,resistance_ohm,reactance_ohm,voltage_V,bias_V"
 
 
@@ -61,9 +64,9 @@ def measure(
 ) -> MeasureResult:
     """Measure a specimen with the analyser at a VISA address.
 
-    The folder gets points.csv (every point as it comes), live.png (rewritten after every round), sweep.csv,
-    measured.toml (the specimen with this sweep), measure.json, and what `update` writes. Points that it
-    holds already count: a measurement that was broken off goes on.
+    The folder gets piece.toml (what is measured), points.csv (every point as it comes), live.png (rewritten after every
+    round), sweep.csv, measured.toml (the specimen with this sweep), measure.json, and what `update` writes. Points that
+    it holds already count: a measurement that was broken off goes on. Those of another piece are refused.
 
     Parameters
     ----------
@@ -78,10 +81,10 @@ def measure(
     InstrumentError : the instrument fails; the points so far are in points.csv, and the output is off
     """
     alone = specimen.model_copy(update={"sweep": None})
-    points = PointFile(prepare_folder(out) / "points.csv", settings)
+    points = PointFile(prepare_folder(out) / "points.csv", settings, alone)
     begun, bases, states = points.read(), SharedBases(), []
     if begun is not None:
-        tell(f"{len(begun)} points are in {points.path} already and count; give another --out for another piece")
+        tell(f"{len(begun)} points are in {points.path} already and count")
 
     def shown(state: State) -> None:
         states.append(state)
@@ -127,6 +130,17 @@ def measure(
     return MeasureResult(adapted, updated, found)
 
 
+def _refuse_another(path: Path, specimen: Specimen) -> None:
+    """InputError where the points of a folder are of another piece, which the file at `path` describes."""
+    if not path.exists():
+        return
+    before = read_specimen(path)
+    if (before.name, prepare(before).plate) != (specimen.name, prepare(specimen).plate):
+        raise InputError(
+            f"{path.parent}: its points are of another piece, {before.name!r} as in {path.name}; give another --out"
+        )
+
+
 def swept(analyser: Analyser, frequency: np.ndarray, points: PointFile) -> ImpedanceSpectrum:
     """A sweep in blocks of at most `_BLOCK` points, each on disk before the next begins."""
     found = None
@@ -143,10 +157,11 @@ class PointFile:
     Parameters
     ----------
     settings : of the measurement; a file with points at another voltage or bias is refused
+    piece : what is measured; it is written beside the first point, and points of another piece are refused
     """
 
-    def __init__(self, path: Path, settings: Settings) -> None:
-        self.path, self._settings = path, settings
+    def __init__(self, path: Path, settings: Settings, piece: Specimen | None = None) -> None:
+        self.path, self._settings, self._piece = path, settings, piece
 
     def read(self) -> ImpedanceSpectrum | None:
         """The points of the file; None where it has none."""
@@ -168,6 +183,8 @@ class PointFile:
                 raise InputError(f"{self.path}, line {number}: {line[:60]!r} is no point; take the line out")
         if not rows:
             return None
+        if self._piece is not None:
+            _refuse_another(self.path.with_name(_PIECE), self._piece)
         values = np.array(rows)
         for column, name, setting in ((3, "voltage", self._settings.voltage), (4, "bias", self._settings.bias)):
             other = values[np.abs(values[:, column] - setting) > 1e-9, column]
@@ -181,6 +198,8 @@ class PointFile:
     def append(self, spectrum: ImpedanceSpectrum) -> None:
         """Write the points of a sweep, and wait until they are on the disk."""
         new = not self.path.exists() or self.path.stat().st_size == 0
+        if new and self._piece is not None:
+            write_specimen(self._piece, self.path.with_name(_PIECE))
         rows = zip(
             spectrum.frequency.tolist(), spectrum.impedance.real.tolist(), spectrum.impedance.imag.tolist(), strict=True
         )

@@ -19,10 +19,10 @@ from femu_piezo.batch.jobs import file_checksum
 from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.instruments.analyser import Settings, usual_drive
-from femu_piezo.instruments.measure import PointFile, _with_sweep, measure
+from femu_piezo.instruments.measure import PointFile, _refuse_another, _with_sweep, measure
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen.file import Limits, read_specimen
+from femu_piezo.specimen.file import Limits, read_specimen, write_specimen
 from femu_piezo.store.database import Database
 from femu_piezo.store.entry import entry_of_result
 from femu_piezo.store.read import read_pieces
@@ -73,13 +73,14 @@ def test_every_fault_keeps_the_points_and_the_same_command_goes_on(plate, specim
         done = run(specimen, running.address, out, *wish, "--lot", "may", "--store")
         assert done.exit_code == 0, done.output
         assert running.is_off() and running.largest_voltage() == 0.5
-    assert "another --out for another piece" in done.output
     assert "32 points are in" in done.output and "the requested deviations are reached" in done.output
     sweep = read_spectrum(out / "sweep.csv")
     assert np.all(np.isin(before, sweep.frequency)) and len(sweep) == 64
     record = json.loads((out / "measure.json").read_text())
     assert record["ended"] == "deviations" and record["points"] == len(sweep) and "E4990A" in record["instrument"]
-    assert {"live.png", "update.json", "impedance.png", "measured.toml"} <= {path.name for path in out.iterdir()}
+    assert {"live.png", "update.json", "impedance.png", "measured.toml", "piece.toml"} <= {
+        path.name for path in out.iterdir()
+    }
     found = json.loads((out / "update.json").read_text())["parameters"]["s11"]
     assert abs(found["value"] - 16.5e-12) < 4 * found["std"]
     assert read_specimen(out / "measured.toml").measurement.file == out / "sweep.csv"
@@ -280,6 +281,20 @@ def test_points_of_another_voltage_are_refused(tmp_path):
     file.path.write_text("frequency,Z\n1,2\n")
     with pytest.raises(Exception, match="not a file of points"):
         file.read()
+
+
+def test_points_of_another_piece_are_refused(tmp_path):
+    """Its name or its body differ; other tolerances and priors do not matter."""
+    path, kept = tmp_path / "plate.toml", tmp_path / "piece.toml"
+    path.write_text(PLATE, encoding="utf-8")
+    _refuse_another(kept, read_specimen(path))  # of an older folder nothing is known
+    write_specimen(read_specimen(path), kept)
+    _refuse_another(kept, read_specimen(path).model_copy(update={"simulation": None}))
+    for other in (PLATE.replace("12 mm", "13 mm"), PLATE.replace("plate 07", "plate 08")):
+        assert other != PLATE
+        path.write_text(other, encoding="utf-8")
+        with pytest.raises(InputError, match=r"another piece, 'plate 07' as in piece\.toml; give another --out"):
+            _refuse_another(kept, read_specimen(path))
 
 
 def test_how_other_files_are_read_is_not_kept_for_an_own_sweep(tmp_path):
