@@ -151,11 +151,11 @@ class Enlargement:
                 prospect.odds = self._odds(found, prospect.effect)
 
     def _record_better(self, chosen: Sequence[_Prospect], fits: Sequence[Fit | None]) -> None:
-        """Record the fits that are better than the rough ones before."""
+        """Record the fits that are better than rough ones before, and those of candidates that had none."""
         better = [
             (prospect, fit)
             for prospect, fit in zip(chosen, fits, strict=True)
-            if fit is not None and (prospect.rough is None or fit.log_evidence > prospect.rough.log_evidence)
+            if prospect.rough is None or (fit is not None and fit.log_evidence > prospect.rough.log_evidence)
         ]
         self._record([prospect for prospect, _ in better], [fit for _, fit in better])
 
@@ -189,12 +189,7 @@ class Enlargement:
             and (unexplained or self._explains_most(prospect))
         ]
         response, current = self._weighing.response, self._current
-        further = in_parallel(lambda prospect: stepped_start(response, current, prospect.starts[0]), without_fit)
-        for prospect, start in zip(without_fit, further, strict=True):
-            prospect.starts = sorted([*prospect.starts, start], key=attrgetter("promised_chi_square"))
-            prospect.promised_odds = max(prospect.promised_odds, self._odds(start.linear, prospect.effect))
-        worth = [prospect for prospect in without_fit if self._hopeful(prospect)]
-        self._record(worth, list(in_parallel(self._roughly, worth)))
+        self._fit_after(without_fit, lambda prospect: stepped_start(response, current, prospect.starts[0]))
 
     def _fit_from_means(self) -> None:
         """Screen causes again one step from the prior means of the tolerances, and fit those that now promise more.
@@ -216,12 +211,16 @@ class Enlargement:
         def one_step(prospect: _Prospect) -> Start:
             return stepped_start(response, current, starts_at_prior_means(response, current, prospect.effect)[0])
 
+        self._fit_after(chosen, one_step)
+
+    def _fit_after(self, chosen: Sequence[_Prospect], screening: Callable[[_Prospect], Start]) -> None:
+        """Screen candidates at one more start each; fit the hopeful ones that it promises more than they have."""
         more = []
-        for prospect, start in zip(chosen, in_parallel(one_step, chosen), strict=True):
+        for prospect, start in zip(chosen, in_parallel(screening, chosen), strict=True):
             promise = self._odds(start.linear, prospect.effect)
-            if promise > max(prospect.promised_odds, prospect.odds) + self._rules.alike:
-                prospect.starts = sorted([*prospect.starts, start], key=attrgetter("promised_chi_square"))
-                prospect.promised_odds = promise
+            prospect.starts = sorted([*prospect.starts, start], key=attrgetter("promised_chi_square"))
+            prospect.promised_odds = max(prospect.promised_odds, promise)
+            if promise > prospect.odds + self._rules.alike:
                 more.append(prospect)
         worth = [prospect for prospect in more if self._hopeful(prospect)]
         self._record_better(worth, list(in_parallel(self._roughly, worth)))
