@@ -15,6 +15,7 @@ import pytest
 from femu_piezo.batch.report import write_report
 from femu_piezo.batch.run import LotResult
 from femu_piezo.batch.table import write_table
+from femu_piezo.files import json_text
 from femu_piezo.measurement.readers import write_spectrum
 from tests.batch.lots import sweep
 from tests.commands import succeeded
@@ -305,6 +306,27 @@ def test_labels_of_a_logarithmic_axis_do_not_overlap(serve, page, tmp_path: Path
                 && other.top < one.bottom - 1 && one.left < other.right && other.left < one.right)); }"""
     )
     assert not overlap
+
+
+def test_causes_and_candidates_are_shown_with_their_sizes(serve, page, tmp_path: Path) -> None:
+    """Of a record as `diagnose` leaves it, with as much as the tables need."""
+    tutorial("hidden_effect", tmp_path)
+    sizes = {"resistance": {"value": 2.966, "std": 0.008, "unit": "ohm"}}
+    cause = {"effect": "series_resistance", "probability": 0.99, "parameters": sizes, "sentence": "of the leads"}
+    candidates = [{**cause, "evidence": 4052.1}, {"effect": "leakage", "evidence": -3.2, "parameters": None}]
+    told = {"verdict": "effect", "causes": [cause], "candidates": candidates, "notes": [], "parameters": {"after": {}}}
+    out = tmp_path / "results" / "plate.toml" / "diagnose"
+    out.mkdir(parents=True)
+    (out / "diagnosis.json").write_text(json_text({**told, "recommended_measurements": [], "separations": []}))
+    open_page(page, serve(), "diagnosis?spec=plate.toml")
+    assert cells(page, "named causes") == [
+        ["series resistance", "0.990", "resistance (2.9660 ± 0.0080) Ω", "of the leads"]
+    ]
+    page.get_by_text("Candidates, each alone").click()
+    assert [row[1:] for row in cells(page, "candidates")] == [
+        ["+4052.1", "resistance (2.9660 ± 0.0080) Ω"],
+        ["-3.2", ""],
+    ]
 
 
 def test_a_lot_shows_every_piece_its_diagnosis_and_its_report(serve, page, tmp_path: Path) -> None:

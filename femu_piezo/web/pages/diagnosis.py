@@ -98,7 +98,7 @@ class _Diagnosis:
             (
                 cause["effect"].replace("_", " "),
                 f"{cause['probability']:.3f}",
-                ", ".join(f"{key} {_size(one)}" for key, one in cause["parameters"].items()),
+                _sizes(cause["parameters"]),
                 cause["sentence"],
             )
             for cause in found["causes"]
@@ -140,14 +140,16 @@ class _Diagnosis:
     def _candidates(self, found: dict) -> None:
         rows = []
         for one in found["candidates"][:_MOST]:
-            sizes = ", ".join(
-                f"{key.replace('_', ' ')} {_size(key, value)}" for key, value in (one.get("parameters") or {}).items()
-            )
             evidence = one.get("evidence")
-            rows.append((one["effect"].replace("_", " "), "-" if evidence is None else signed(evidence, ".1f"), sizes))
+            odds = "-" if evidence is None else signed(evidence, ".1f")
+            rows.append((one["effect"].replace("_", " "), odds, _sizes(one.get("parameters") or {})))
         with ui.expansion("Candidates, each alone").classes("w-full border rounded"):
             table(("candidate", "log odds over none", "size"), rows, "candidates").props("wrap-cells")
 
 
-def _size(name: str, parameter: dict) -> str:
-    return readable(name, parameter["unit"], parameter["value"], parameter.get("std"))
+def _sizes(parameters: dict) -> str:
+    """The parameters of an effect in a record, with their names."""
+    return ", ".join(
+        f"{name.replace('_', ' ')} {readable(name, size['unit'], size['value'], size.get('std'))}"
+        for name, size in parameters.items()
+    )
