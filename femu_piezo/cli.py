@@ -694,8 +694,7 @@ def measure(
     this sweep) and the files of `update`; with --diagnose or --separate the folder diagnosis, with --diagnose also
     sweeps in the opposite direction and at a third of the voltage where the diagnosis recommends them. With --plan
     nothing is measured: plan.csv, plan_segments.csv and plan_e4990a.scpi hold the frequencies for an analyser without a
-    connection. Needs
-    pip install 'femu-piezo[measure]'.
+    connection. Needs pip install 'femu-piezo[measure]'.
     """
     from femu_piezo.specimen.file import read_specimen
     from femu_piezo.study.adaptive import Wish

@@ -21,7 +21,7 @@ import femu_piezo as fp
 from femu_piezo.cli import main
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.measurement.readers import write_spectrum
-from femu_piezo.output.tables import deviation_percent, percent
+from femu_piezo.output.tables import deviation_percent, std_percent
 from femu_piezo.specimen.file import CONSTANTS, write_specimen
 from tests.commands import invoked, succeeded
 
@@ -386,7 +386,7 @@ def test_an_extraction_is_printed_and_drawn_to_the_digits_of_its_deviations(swee
 def test_large_deviations_are_without_a_power_of_ten():
     told = [deviation_percent(share) for share in (None, 1e-9, -0.0123, 0.5, 1.8, -39.0)]
     assert told == ["", "0 %", "-1.2 %", "+50 %", "+180 %", "-3900 %"]
-    assert [percent(share) for share in (0.0123, 0.5, 1.3, 20.0)] == ["1.2 %", "50 %", "130 %", "> 1000 %"]
+    assert [std_percent(share) for share in (0.0123, 0.5, 1.3, 20.0)] == ["1.2 %", "50 %", "130 %", "> 1000 %"]
 
 
 def test_numbers_of_an_update(updated):

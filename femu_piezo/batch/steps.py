@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from femu_piezo.effects.words import sizes
 from femu_piezo.errors import InputError
 from femu_piezo.output.records import update_record
 from femu_piezo.specimen.file import CONSTANTS, Specimen
@@ -107,8 +108,6 @@ def diagnosis_columns(result: Diagnosis) -> dict[str, Value]:
 
 
 def _diagnosis_words(word: str, causes) -> str:
-    from femu_piezo.output.wording import sizes
-
     named = []
     for cause in causes:
         size = sizes(cause.effect, cause.values, cause.std)

@@ -91,10 +91,10 @@ class Enlargement:
         self._fit_roughly()
         if self._from_no_cause:
             self._fit_from_steps()
-        if self._from_no_cause and strain_of(self._current) < self._rules.doubt:
-            self._fit_from_means()
-        if self._from_no_cause and self._unexplained():
-            self._fit_the_rest()
+            if strain_of(self._current) < self._rules.doubt:
+                self._screen_from_means()
+            if self._unexplained():
+                self._fit_the_rest()
         if self._forms:
             self._fit_loudest()
         if self._from_no_cause and self._strained():
@@ -113,6 +113,11 @@ class Enlargement:
     def _of_causes(self) -> Iterator[_Prospect]:
         """The candidates that are causes: forms of unknown errors are to keep no cause from a fit."""
         return (prospect for prospect in self._prospects if not prospect.effect.of_unknown)
+
+    @property
+    def _best_odds(self) -> float:
+        """Log odds of the cause with the best fit so far; −inf where none is fitted."""
+        return max((prospect.odds for prospect in self._of_causes), default=-np.inf)
 
     def _odds(self, enlarged: Fit, effect: Effect) -> float:
         """Log odds of the set with a candidate over the set without it."""
@@ -189,31 +194,30 @@ class Enlargement:
             and (unexplained or self._explains_most(prospect))
         ]
         response, current = self._weighing.response, self._current
-        self._fit_after(without_fit, lambda prospect: stepped_start(response, current, prospect.starts[0]))
+        self._fit_promising(without_fit, lambda prospect: stepped_start(response, current, prospect.starts[0]))
 
-    def _fit_from_means(self) -> None:
+    def _screen_from_means(self) -> None:
         """Screen causes again one step from the prior means of the tolerances, and fit those that now promise more.
 
         For a set whose tolerances are strained: they may compensate the true cause, and where they stand linearisation
         promises little of it. It promises too little by half the χ² of the priors at most. Causes at a place are left
         out.
         """
-        best = max((prospect.odds for prospect in self._of_causes), default=-np.inf)
         relief = float(self._current.further_residual @ self._current.further_residual) / 2
         chosen = [
             prospect
             for prospect in self._of_causes
             if prospect.effect.sites is None
-            and max(prospect.promised_odds, prospect.odds) + relief > best - self._rules.contender
+            and max(prospect.promised_odds, prospect.odds) + relief > self._best_odds - self._rules.contender
         ]
         response, current = self._weighing.response, self._current
 
         def one_step(prospect: _Prospect) -> Start:
             return stepped_start(response, current, starts_at_prior_means(response, current, prospect.effect)[0])
 
-        self._fit_after(chosen, one_step)
+        self._fit_promising(chosen, one_step)
 
-    def _fit_after(self, chosen: Sequence[_Prospect], screening: Callable[[_Prospect], Start]) -> None:
+    def _fit_promising(self, chosen: Sequence[_Prospect], screening: Callable[[_Prospect], Start]) -> None:
         """Screen candidates at one more start each; fit the hopeful ones that it promises more than they have."""
         more = []
         for prospect, start in zip(chosen, in_parallel(screening, chosen), strict=True):
@@ -256,7 +260,7 @@ class Enlargement:
 
     def _fit_closely(self) -> None:
         """Bring every rough fit that may be the best to its end, the most hopeful first."""
-        best = max((prospect.odds for prospect in self._of_causes), default=-np.inf)
+        best = self._best_odds
         by_hope = sorted((prospect for prospect in self._prospects if prospect.tried), key=self._hope, reverse=True)
         for batch in (by_hope[n : n + _AT_ONCE] for n in range(0, len(by_hope), _AT_ONCE)):
             ends = in_parallel(lambda prospect, best=best: self._closely(prospect, best), batch)
@@ -282,8 +286,7 @@ class Enlargement:
         """
         rough = [] if self._forms else [other.rough for other in self._of_causes if other.rough is not None]
         large = min((fit.chi_square / fit.residual.size for fit in rough), default=1.0)
-        best = max((other.odds for other in self._of_causes), default=-np.inf)
-        least = best - self._rules.contender * max(1.0, large)
+        least = self._best_odds - self._rules.contender * max(1.0, large)
         return prospect.promised_odds + _NONLINEAR * max(prospect.promised_odds, 0.0) > least
 
     def _may_hold_more(self, prospect: _Prospect) -> bool:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import re
 
-from femu_piezo.effects.effect import EffectParameter
+import numpy as np
+
+from femu_piezo.effects.effect import Effect, EffectParameter
 from femu_piezo.specimen.file import CONSTANTS
 from femu_piezo.units import number
 
@@ -42,6 +44,12 @@ def readable(name: str, si_unit: str, value: float, std: float | None = None) ->
     factor *= 10.0**-thousands
     text = number(factor * value, None if std is None else factor * std)
     return f"({text}){power} {unit}" if unit and "±" in text else f"{text}{power} {unit}".strip()
+
+
+def sizes(effect: Effect, values: np.ndarray, std: np.ndarray) -> str:
+    """All parameters of an effect with their names."""
+    found = zip(effect.parameters, values, std, strict=True)
+    return ", ".join(f"{p.name.replace('_', ' ')} {quantity(p, float(v), float(s))}" for p, v, s in found)
 
 
 def usual_size(parameter: EffectParameter) -> str:

@@ -84,7 +84,7 @@ def measure(
     points = PointFile(prepare_folder(out) / "points.csv", settings, alone)
     begun, bases, states = points.read(), SharedBases(), []
     if begun is not None:
-        tell(f"{len(begun)} points are in {points.path} already and count")
+        tell(f"{len(begun)} points are in {points.path} already; the measurement continues with them")
 
     def shown(state: State) -> None:
         states.append(state)

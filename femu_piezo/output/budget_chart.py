@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from femu_piezo.inference.budget import SOURCES
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.output.picture import Picture, as_it_stands
-from femu_piezo.output.tables import percent
+from femu_piezo.output.tables import std_percent
 
 #: Colour of each source, the same in every picture.
 SOURCE_COLOURS = dict(
@@ -74,6 +74,6 @@ def budget_figure(title: str, parameters: Mapping[str, Estimate]) -> Figure:
 
 def _deviation(label: str, parameters: Mapping[str, Estimate]) -> str:
     estimate = parameters[label.removeprefix("tan ")]
-    return (
-        f"± {estimate.tan_std:.2g}" if label.startswith("tan ") else f"± {percent(estimate.std / abs(estimate.value))}"
-    )
+    if label.startswith("tan "):
+        return f"± {estimate.tan_std:.2g}"
+    return f"± {std_percent(estimate.std / abs(estimate.value))}"

@@ -6,12 +6,12 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from femu_piezo.diagnosis.comparison import Trial
-from femu_piezo.effects.words import quantity
+from femu_piezo.effects.words import quantity, sizes
 from femu_piezo.inference.readings import reading_words
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.tables import interval_text, note_lines, text_of
-from femu_piezo.output.wording import alike_words, names_of, percent, sizes, spoken, with_article
+from femu_piezo.output.wording import alike_words, names_of, percent, spoken, with_article
 from femu_piezo.study.diagnose import Diagnosis
 from femu_piezo.study.pole_zero_residuals import Difference
 from femu_piezo.units import number, signed

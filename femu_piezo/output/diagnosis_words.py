@@ -10,6 +10,7 @@ from scipy.special import ndtri
 
 from femu_piezo.diagnosis.averaging import LEVEL
 from femu_piezo.diagnosis.verdict import Cause
+from femu_piezo.effects.words import sizes
 from femu_piezo.inference.fit import Fit
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.tables import interval_text
@@ -21,7 +22,6 @@ from femu_piezo.output.wording import (
     names_of,
     percent,
     plain,
-    sizes,
     spoken,
     with_article,
 )

@@ -154,8 +154,10 @@ def figure_scale(name: str, unit: str) -> tuple[float, str]:
 
 def deviation_percent(share: float | None) -> str:
     """A relative deviation in per cent, "" where there is none; below a ten-thousandth of a per cent it is 0 %."""
-    if share is None or abs(share) < 1e-6:
-        return "" if share is None else "0 %"
+    if share is None:
+        return ""
+    if abs(share) < 1e-6:
+        return "0 %"
     return f"{100 * share:+.0f} %" if abs(share) >= 1 else f"{100 * share:+.2g} %"
 
 
@@ -185,7 +187,7 @@ def _resonance_table(outcome: Outcome) -> Table:
     return table
 
 
-def percent(std: float) -> str:
+def std_percent(std: float) -> str:
     """A relative standard deviation in per cent."""
     return f"{100 * std:.2g} %" if std < 0.995 else f"{100 * std:.0f} %" if std < 10 else "> 1000 %"
 
@@ -274,8 +276,8 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
             continue
         table.add_row(
             name,
-            percent(known.std[index]),
-            percent(known.std_alone[index]),
+            std_percent(known.std[index]),
+            std_percent(known.std_alone[index]),
             f"{known.std[index + 1]:.2g}" if known.std[index + 1] < 10 else "> 10",
             known.verdict(name),
         )

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.effects.effect import Effect
-from femu_piezo.effects.words import quantity
 from femu_piezo.output.curves import PRINTED
 
 
@@ -52,12 +49,6 @@ def alike_words(titles: Sequence[str]) -> list[str]:
             f"a change of the free constants, mainly {listed(constants)}, has nearly the same effect on this sweep"
         )
     return words
-
-
-def sizes(effect: Effect, values: np.ndarray, std: np.ndarray) -> str:
-    """All parameters of an effect with their names."""
-    found = zip(effect.parameters, values, std, strict=True)
-    return ", ".join(f"{p.name.replace('_', ' ')} {quantity(p, float(v), float(s))}" for p, v, s in found)
 
 
 def percent(share: float) -> str:
