@@ -32,7 +32,7 @@ SIZES = {
     "stray_capacitance": 20e-12,
     "leakage": 2e-5,
     "contact_gap": (1 / 20e-9, 6e3),
-    "cable": (1.5, 75.0),
+    "cable": (1.5, 75.0, 0.3),
     "relaxation": (0.05, 90e3, 0.35),
     "dielectric_dispersion": (0.03, 0.4),
     "frequency_dependent_elastic_loss": (0.7, -0.3),
@@ -196,9 +196,11 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
         return bare(lambda f: theta * (1 + strength * (cole(f) - cole(FUNDAMENTAL).real) * (np.arange(10) == 9)))
     z = bare(theta)
     if key == "cable":
-        length, wave_impedance = size
-        beta = OMEGA * length / (0.66 * 299792458)
-        return wave_impedance * (z + 1j * wave_impedance * np.tan(beta)) / (wave_impedance + 1j * z * np.tan(beta))
+        length, wave_impedance, resistance = size
+        series = resistance + 1j * OMEGA * wave_impedance / (0.66 * 299792458)  # per metre
+        shunt = 1j * OMEGA / wave_impedance / (0.66 * 299792458)
+        own, turned = np.sqrt(series / shunt), np.tanh(np.sqrt(series * shunt) * length)
+        return own * (z + own * turned) / (own + z * turned)
     if key == "contact_gap":
         inverse, corner = size
         capacitance, conductance = 1 / inverse, 2 * np.pi * corner / inverse

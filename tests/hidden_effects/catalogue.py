@@ -161,7 +161,7 @@ def cable(build, rng, variant) -> Hidden:
         return z
 
     build.circuits.append(circuit)
-    return Hidden("cable", {"length": length}, variant="lossy" * variant, sized=not variant)
+    return Hidden("cable", {"length": length}, variant="lossy" * variant)
 
 
 def temperature_drift(build, rng, variant) -> Hidden:

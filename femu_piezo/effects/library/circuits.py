@@ -2,13 +2,15 @@
 
     series_resistance   Z' = Z + R              stray_capacitance   Y' = Y + jωC
     series_inductance   Z' = Z + jωL/(1 + jωτ)  leakage             Y' = Y + G
-    contact_gap         Z' = Z + E/(jω + 2πc)   cable               Z' = Z0 (Z + jZ0 tan β)/(Z0 + jZ tan β), β = ωℓ/v
+    contact_gap         Z' = Z + E/(jω + 2πc)   cable               Z' = Zc (Z + Zc tanh γℓ)/(Zc + Z tanh γℓ)
 
 E = 1/C is the inverse of the capacitance of a gap between a face and its electrode, C = ε0 A/g where the gap g is even;
 below its corner frequency c = G/(2πC) a gap of conductance G leaks more than it stores.
 Metal near the leads carries eddy currents, which add a resistance ω²τL to the inductance L of the leads below ω = 1/τ.
-A cable of length ℓ is lossless, with the wave speed v of solid polyethylene (velocity factor 0.66, as RG-58 has): ℓ is
-the length of such a cable. One short against the wavelength is a stray capacitance ℓ/(v Z0) and an inductance Z0 ℓ/v.
+A cable of length ℓ has per metre the series impedance s = R + jωZ0/v and the shunt admittance y = jω/(Z0 v), γ² = s y
+and Zc² = s/y: Z0 is its wave impedance but for the resistance R of its conductors, and v the wave speed of solid
+polyethylene (velocity factor 0.66, as RG-58 has), so that ℓ is the length of such a cable. One short against the
+wavelength is a stray capacitance ℓ/(v Z0), an inductance Z0 ℓ/v and a resistance R ℓ.
 
 What remains of R, L and C after the compensation of a fixture (`residue` of the specimen file) is their tolerance. The
 gap is nearest to the body, then the leakage; then come the leads, the fixture, and the cable.
@@ -73,14 +75,20 @@ _WAVE_SPEED, _WAVE_IMPEDANCE = 0.66 * 299792458.0, 50.0
 
 
 def _cable(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
-    """A lossless line of length p[0] and wave impedance p[1]: Z' = (Z cos β + jZ0 sin β)/(cos β + jZ/Z0 sin β)."""
-    length, z0 = p
-    cos, sin = np.cos(omega * length / _WAVE_SPEED), np.sin(omega * length / _WAVE_SPEED)
-    denominator = cos + 1j * z / z0 * sin
-    found = (z * cos + 1j * z0 * sin) / denominator
-    by_length = 1j * (z0 - found**2 / z0) * omega / _WAVE_SPEED  # dZ'/dℓ: a Riccati equation along the line
-    by_impedance = (1j * sin + found * 1j * z * sin / z0**2) / denominator
-    return found, 1 / denominator**2, np.stack([by_length, by_impedance], axis=1)
+    """A line with p = (ℓ, Z0, R): Z' = (Z A + B)/(Z C + A), A = cosh γℓ, B = Zc sinh γℓ and C = sinh γℓ/Zc."""
+    length, z0, resistance = p
+    by_z0 = 1j * omega / _WAVE_SPEED  # ∂s/∂Z0
+    s, y = resistance + by_z0 * z0, by_z0 / z0
+    gamma = np.sqrt(s * y) * length
+    a, share = np.cosh(gamma), np.sinc(1j * gamma / np.pi)  # sinh γℓ/γℓ
+    denominator = a + z * y * length * share
+    found = (z * a + s * length * share) / denominator
+    by_length = s - y * found**2  # a Riccati equation along the line
+    more, less = length * (a + share) / 2, length * (a - share) / 2
+    a_by_s, a_by_y = y * length**2 * share / 2, s * length**2 * share / 2
+    by_s = (z * a_by_s + more - found * (z * less * y / s + a_by_s)) / denominator
+    by_y = (z * a_by_y + less * s / y - found * (z * more + a_by_y)) / denominator
+    return found, 1 / denominator**2, np.stack([by_length, by_s * by_z0 - by_y * y / z0, by_s], axis=1)
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
@@ -215,8 +223,10 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             parameters=(
                 EffectParameter("length", "m", -20.0, 100.0, 0.05, 1.0),
                 EffectParameter("wave_impedance", "ohm", 20.0, 200.0, 10.0, 15.0, rest=_WAVE_IMPEDANCE, optional=True),
+                # 0.05 ohm/m of RG-58 to 0.4 of RG-174, more by the skin effect
+                EffectParameter("conductor_resistance", "ohm/m", 0.0, 5.0, 0.05, 0.2, optional=True),
             ),
-            confusable_with=("stray_capacitance", "series_inductance", "eps33T"),
+            confusable_with=("stray_capacitance", "series_inductance", "series_resistance", "eps33T"),
             advice=(
                 "sweep the cable with its end open for its capacitance, and with its end shorted for its inductance",
                 "measure again at the terminals of the instrument, or compensate with the cable in place",
