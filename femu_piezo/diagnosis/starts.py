@@ -16,6 +16,7 @@ from femu_piezo.inference.priors import log_prior_gain
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.inference.walls import further_rows
 from femu_piezo.measurement.discrepancy import noise_level, profiled
+from femu_piezo.measurement.sweeps import stacked
 
 #: Size, over its scale, from which a parameter starts "at rest": not zero, so that every slope exists.
 _REST = 1e-3
@@ -114,8 +115,7 @@ def _at_rest(response, current: Fit, effect: Effect, parameters: Unknowns, x: np
     """The start at x (n_x,) with the effect at rest, so that all other slopes are those of the current fit."""
     own = parameters.columns(parameters.index(effect.key))
     residual, slopes = current.data.whitened(*response.with_jacobian(parameters.alone(effect, x), x[own]))
-    share = np.broadcast_to(np.sqrt(current.weight), residual.shape)
-    residual, columns = residual * share, {effect.key: slopes * share[:, None]}
+    residual, columns = current.weighted(residual), {effect.key: current.weighted(slopes)}
     return Start(x, stepped(_widened(current, parameters, x, columns, residual)), residual)
 
 
@@ -325,9 +325,9 @@ def _widened(
 def _at_sites(response, current: Fit, effect: Effect, parameters: Unknowns, x: np.ndarray) -> list[Start]:
     """Starts at the most promising sites, judged by how much χ² small sizes there gain beyond all other unknowns."""
     slopes = response.slopes_at_sites(current.parameters, current.x, effect)
-    z = current.data.modelled(current.residual)
+    z = current.data.impedance * np.exp(current.log_error)
     slopes = current.data.over_noise(slopes / z[:, None, None]) * effect.scale[effect.sizes]
-    rows = np.concatenate([slopes.real, slopes.imag])
+    rows = current.weighted(stacked(slopes))
     outside = rows - np.tensordot(current.span, np.tensordot(current.span.T, rows, axes=1), axes=1)
     low, high = effect.bounds[effect.sizes].T / effect.scale[effect.sizes]
     own = parameters.columns(parameters.index(effect.key))

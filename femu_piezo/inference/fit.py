@@ -343,10 +343,14 @@ class Fit:
         likelihood = float(profiled(float(rest @ rest), count, self.data.level_std))
         return Unexplained(rest, model.basis[:count], model.level, model.log_volume, likelihood + model.log_volume)
 
+    def weighted(self, rows: np.ndarray) -> np.ndarray:
+        """Whitened rows (2k,) or (2k, n) times the square root of the weight that the loss gives the data."""
+        return (rows.T * np.sqrt(self.weight)).T
+
     @property
     def log_error(self) -> np.ndarray:
         """(k,) complex log Z_model − log Z."""
-        return self.data.log_error(self.residual)
+        return self.data.log_error(self.residual / np.sqrt(self.weight))
 
     @property
     def std_of_effects(self) -> list[np.ndarray]:
@@ -454,11 +458,22 @@ def with_discrepancy(plain: Fit, discrepancy: Discrepancy | None) -> Fit:
 def linear_fit(response: Response, before: Fit, parameters: Unknowns, x: np.ndarray) -> tuple[Fit, np.ndarray]:
     """What one Gauss-Newton step from x (n_x,) promises: the fit by linearisation, and the residual (2k,) at x.
 
-    before : a fit to the same data, whose errors of laws are taken over
+    before : a fit to the same data, whose errors of laws and weights of the loss are taken over
     """
     residual, jacobian, further, slopes = Posterior(response, before.data, parameters).parts(x)
+    residual, jacobian = before.weighted(residual), before.weighted(jacobian)
     at_x = Fit(
-        parameters, x, before.data, residual, jacobian, further, slopes, np.zeros(residual.size // 2), law=before.law
+        parameters,
+        x,
+        before.data,
+        residual,
+        jacobian,
+        further,
+        slopes,
+        np.zeros(residual.size // 2),
+        loss=before.loss,
+        weight=before.weight,
+        law=before.law,
     )
     return stepped(at_x), residual
 

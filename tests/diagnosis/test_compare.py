@@ -210,6 +210,38 @@ def test_evidence_learns_the_noise(setup, known):
     assert odds(100.0) < 0.01
 
 
+def test_starts_weigh_outliers_as_a_robust_fit_does(setup):
+    """Four readings are 10 to 20 % off, and a Cauchy loss sets them aside with the weight 1/(1 + (r/s)²).
+
+    With it the starts of a wedge promise less than the χ² of the fit, where without it they promise 1000 times as much;
+    and the slope at a site of a crack is that of the weighted residual, by a difference.
+    """
+    data = data_with(setup, {"wedge": 0.03}, 3)
+    away = np.ones(FREQUENCY.size)
+    away[[4, 20, 35, 50]] = 1.1, 1.15, 0.9, 1.2
+    data = replace(data, impedance=data.impedance * away)
+    base = fit(setup.evaluation, data, setup.unknowns, [setup.x], loss="cauchy")
+    wedge = starts(setup.evaluation, base, setup.library["wedge"])
+    others = [start for start in wedge if start.x[-1] > 0.5]  # in scales; one start is at rest
+    assert len(others) == len(wedge) - 1 == 3
+    assert all(start.promised_chi_square < base.chi_square - 3 for start in others)
+    assert max(start.linear.log_evidence for start in others) > base.log_evidence + 10
+
+    crack = starts(setup.evaluation, base, setup.library["local_crack"])[0]
+    column, step = crack.columns_of(crack.cause).start, 1e-3
+
+    def residual(size: float) -> np.ndarray:
+        x = crack.x.copy()
+        x[column] = crack.cause.rest[0] / crack.cause.scale[0] + size
+        error = np.log(setup.evaluation.impedance(crack.linear.parameters, x) / data.impedance) * np.sqrt(2) / NOISE
+        return np.concatenate([error.real, error.imag])
+
+    share = (1 + (residual(0.0) / base.level) ** 2) ** -0.5
+    slope = share * (residual(step) - residual(0.0)) / step
+    found = crack.linear.jacobian[:, column]
+    assert np.linalg.norm(found - slope) < 0.01 * np.linalg.norm(slope)
+
+
 def test_likeness_of_an_effect_with_itself_and_with_another(setup):
     """A resistance is parallel to itself and not to a width; a stray capacitance is hidden by the free constants."""
     data = data_with(setup, {}, 6)
