@@ -329,8 +329,7 @@ def _gain(posterior: Posterior, comparison: Comparison, sweeps: Sequence[Diagnos
         parts = (np.concatenate([whitened.real, whitened.imag]), np.concatenate([slopes.real, slopes.imag]))
         misfit = misfit_of_unseen(*parts, final.covariance)
     else:
-        weight = comparison.base.data.weight
-        errors = [fit.held_out.predicted / weight for fit in (comparison.base, final)]
+        errors = [fit.data.from_noise(fit.held_out.predicted) for fit in (comparison.base, final)]
         floor = np.concatenate([one.relative_noise for one in sweeps])
         misfit = final.held_out.misfit
     return {
