@@ -284,15 +284,15 @@ def _known(found: Fit) -> Identifiability:
 
 
 def _provenance(found: Fit, measured: Sequence[Measured]) -> dict[str, dict[str, float]]:
-    """Constant → sweep or "prior" → its share of |∂residual/∂x|², real part and tangent together.
+    """Constant → sweep or "prior" → its share of |∂residual/∂x|² at the noise level, real part and tangent together.
 
     That is the information each would give on the constant if all others were known.
     """
-    k, result = found.residual.size // 2, {}
+    k, slopes, result = found.residual.size // 2, found.jacobian / found.level, {}
     for index, name in enumerate(found.parameters.material.free.names):
         columns = slice(2 * index, 2 * index + 2)
         parts = {
-            one.problem.specimen.name: float(np.sum(found.jacobian[np.concatenate([own, own + k])][:, columns] ** 2))
+            one.problem.specimen.name: float(np.sum(slopes[np.concatenate([own, own + k])][:, columns] ** 2))
             for one, own in zip(measured, found.data.sweeps, strict=True)
         }
         parts["prior"] = float(np.sum(found.further_jacobian[:, columns] ** 2))

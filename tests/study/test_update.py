@@ -249,6 +249,17 @@ def test_a_misfit_beyond_the_stated_noise_widens_the_intervals(sweeps, write_spe
     assert any("times as noisy as stated" in note for note in result.notes)
 
 
+def test_shares_of_what_is_known_count_the_noise_that_was_found(sweeps, write_specimen_of):
+    """The same sweep with a prior of 2e-5 for s11: noise stated ten times too small leaves the share of the prior."""
+    shares = []
+    for stated in (5e-3, 5e-4):
+        sweep = noisy_sweep(sweeps["k31"], 5e-3, 3)
+        extra, more = 'std_s11 = "0.002 %"', f"noise = {stated}"
+        result = update(read_specimen(write_specimen_of("k31", sweep, TRIO, {}, extra=extra, more=more)))
+        shares.append(result.provenance["s11"]["prior"])
+    assert 0.05 < shares[0] < 0.95 and shares[1] == pytest.approx(shares[0], rel=0.2)
+
+
 def test_a_prior_keeps_its_weight_where_the_noise_is_learned(sweeps, write_specimen_of):
     """s44 is not determined by the sweep: its deviation is the prior's 1 %, not scaled by the noise level."""
     spec = write_specimen_of(
