@@ -212,6 +212,7 @@ class Effect:
     freed : whether its parameters are unknowns of every fit with the prior of a cause, as the specimen file asks
     of_unknown : whether it stands for what no cause of the library describes: it competes with the causes, and where it
         is needed the verdict is unknown
+    of_specimen : whether every specimen has its own, although it changes constants
     of_conditions : whether its law depends on the conditions of a sweep (`EffectContext.conditions`), so that each of
         several sweeps of a specimen has a hook of its own, with the same parameters
     """
@@ -240,6 +241,7 @@ class Effect:
     outward: float = 0.0
     freed: bool = False
     of_unknown: bool = False
+    of_specimen: bool = False
     of_conditions: bool = False
 
     def __repr__(self) -> str:
@@ -354,7 +356,8 @@ class SweepConditions:
     rising : whether its frequency rose in time
     drive : its voltage over the largest of all sweeps
     fixture : name of what held the specimen; "" where that is not said
-    warmer_K : temperature above the mean of all sweeps;  span_K : half the range of all temperatures, 0 where unknown
+    warmer_K : temperature above the mean of all sweeps, of all specimens that are fitted together; 0 where unknown
+    span_K : half the range of all temperatures
     """
 
     number: int = 0

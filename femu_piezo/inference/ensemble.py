@@ -21,9 +21,11 @@ from femu_piezo.threads import made_once
 def is_common(effect: Effect) -> bool:
     """Whether all specimens share the effect with one size: effects on the constants, and circuits of the fixture.
 
-    Circuits nearer to the body than any fixture, such as a gap under an electrode, belong to one specimen.
+    Circuits nearer to the body than any fixture, such as a gap under an electrode, belong to one specimen, and so do
+    changes from sweep to sweep.
     """
-    return (effect.circuit is not None and effect.outward >= 1) or effect.constants is not None
+    of_fixture = effect.circuit is not None and effect.outward >= 1
+    return of_fixture or (effect.constants is not None and not effect.of_specimen)
 
 
 def with_owner(effect: Effect, owner: str) -> Effect:
@@ -67,7 +69,10 @@ class Share:
         return concerned, np.concatenate([np.arange(parameters.of_material), *columns])
 
     def _form(self, effect: Effect) -> Effect:
-        return self.forms.get(effect.key, effect)
+        form = self.forms.get(effect.key, effect)
+        if (names := [p.name for p in form.parameters]) != [p.name for p in effect.parameters]:
+            raise ValueError(f"{effect.key} has the parameters {', '.join(names)} in one sweep and others in another")
+        return form
 
 
 @dataclass(frozen=True)

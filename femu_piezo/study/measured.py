@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,12 @@ class Measured:
     permittivity: complex | None
     piece: Specimen
     conditions: SweepConditions = field(default_factory=SweepConditions)
+
+    @property
+    def temperature_C(self) -> float | None:
+        """Stated temperature of the specimen, °C."""
+        sweeps = self.problem.specimen.sweep
+        return None if sweeps is None else sweeps[0].temperature
 
     @property
     def holds_fundamental(self) -> bool:
@@ -130,7 +136,11 @@ def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None 
         sweeps = [(own, next(given)) for own in specimen.of_each_sweep]
         _refuse_idle_layout(specimen, sweeps)
         found += _of_one_piece(specimen, [_analysed(*one) for one in sweeps])
-    return found
+    warmer, span = _from_mean([one.temperature_C for one in found])
+    return [
+        replace(one, conditions=replace(one.conditions, warmer_K=float(kelvin), span_K=span))
+        for one, kelvin in zip(found, warmer, strict=True)
+    ]
 
 
 def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
@@ -238,8 +248,7 @@ def conditions_of(piece: Specimen) -> list[SweepConditions]:
     if sweeps is None:
         return [SweepConditions()]
     volts = [one.drive_voltage or 1.0 for one in sweeps]
-    warm = np.array([one.temperature or 0.0 for one in sweeps])
-    span = float(np.ptp(warm)) / 2
+    warmer, span = _from_mean([one.temperature for one in sweeps])
     return [
         SweepConditions(
             number=number,
@@ -250,8 +259,16 @@ def conditions_of(piece: Specimen) -> list[SweepConditions]:
             warmer_K=float(kelvin),
             span_K=span,
         )
-        for number, (one, volt, kelvin) in enumerate(zip(sweeps, volts, warm - warm.mean(), strict=True))
+        for number, (one, volt, kelvin) in enumerate(zip(sweeps, volts, warmer, strict=True))
     ]
+
+
+def _from_mean(celsius: Sequence[float | None]) -> tuple[np.ndarray, float]:
+    """Temperatures (n,) above the mean of those that are stated, K, 0 where none is; and half their range."""
+    stated = np.array([one for one in celsius if one is not None])
+    if not stated.size:
+        return np.zeros(len(celsius)), 0.0
+    return np.array([0.0 if one is None else one - stated.mean() for one in celsius]), float(np.ptp(stated)) / 2
 
 
 def _compensation(wish: Measurement) -> Compensation | None:

@@ -54,7 +54,7 @@ class Subject:
 
     def owned(self, effect: Effect) -> Effect:
         """The effect, assigned to its owner: all specimens for a law of the material, the fixture, or the specimen."""
-        if effect.owner or effect.constants is not None:
+        if effect.owner or (is_common(effect) and effect.constants is not None):
             return effect
         return with_owner(effect, self.fixture if is_common(effect) else self.name)
 

@@ -99,8 +99,8 @@ def temperature_series(found: Fit, several: Sequence[Subject]) -> TemperatureSer
         return float(found.x[column] * unit), float(found.std[column] * unit)
 
     coefficients = {name: Coefficient(*told(name), *told(f"tan_{name}")) for name in parameters.material.free.names}
-    first = several[0].measured
-    measured = tuple(one.temperature for one in first.piece.sweep)
+    stated = (one.measured.temperature_C for one in several)
+    measured = tuple(celsius for celsius in stated if celsius is not None)
     return TemperatureSeries(float(np.mean(measured)), measured, coefficients, found, number)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,11 +20,22 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from femu_piezo import diagnose, read_specimen, simulate, update
-from femu_piezo.effects.library import circuits, drive_level, losses, sweep_too_fast, temperature_drift
+from femu_piezo.effects.effect import SweepConditions
+from femu_piezo.effects.library import (
+    between_sweeps,
+    circuits,
+    drive_level,
+    losses,
+    sweep_too_fast,
+    temperature_drift,
+)
 from femu_piezo.errors import InputError
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.study.measured import measure_each
+from femu_piezo.study.subjects import subjects
+from femu_piezo.study.unknowns import unknowns_of
 from tests.commands import invoked
 from tests.noise import noisy
 from tests.specimens import material, plate
@@ -85,9 +97,9 @@ class Bench:
         """Write a sweep without a table."""
         write_spectrum(spectrum, self.folder / f"{name}.csv")
 
-    def write(self, *more: str):
-        path = self.folder / "piece.toml"
-        path.write_text("\n".join([plate("piece", SIZE, DENSITY) + ASSUMED, *self.lines, *more]), encoding="utf-8")
+    def write(self, *more: str, name: str = "piece"):
+        path = self.folder / f"{name}.toml"
+        path.write_text("\n".join([plate(name, SIZE, DENSITY) + ASSUMED, *self.lines, *more]), encoding="utf-8")
         return path
 
 
@@ -205,10 +217,8 @@ COEFFICIENTS = {"s11": (4e-4, 2e-5), "d31": (1.5e-3, 3e-5), "eps33T": (3e-3, 4e-
 def test_temperature_series(bench):
     """Coefficients within 3 of their deviations, and lines over temperature that pass through the true constants."""
     for number, celsius in enumerate((20.0, 45.0, 80.0)):
-        theta, kelvin = truth(), celsius - 145 / 3
-        for name, (real, tangent) in COEFFICIENTS.items():
-            theta[NAMES.index(name)] *= (1 + real * kelvin) * (1 - 1j * tangent * kelvin)
-        bench.add(f"at {celsius:g}", sweep(theta=theta, seed=number), temperature=f"{celsius + 273.15} K")
+        spectrum = sweep(theta=warmed(celsius - 145 / 3), seed=number)
+        bench.add(f"at {celsius:g}", spectrum, temperature=f"{celsius + 273.15} K")
     result = update(bench.write())
     series = result.temperature
     assert series.reference_C == pytest.approx(145 / 3) and series.measured_C == pytest.approx((20.0, 45.0, 80.0))
@@ -232,6 +242,82 @@ def test_temperature_series(bench):
     assert (out / "temperature.png").stat().st_size > 10_000
     record = json.loads((out / "update.json").read_text(encoding="utf-8"))["temperature"]
     assert set(record["coefficients"]) == set(COEFFICIENTS)
+
+
+def warmed(kelvin: float) -> np.ndarray:
+    """(10,) true constants at a temperature above that of `truth`."""
+    theta = truth()
+    for name, (real, tangent) in COEFFICIENTS.items():
+        theta[NAMES.index(name)] *= (1 + real * kelvin) * (1 - 1j * tangent * kelvin)
+    return theta
+
+
+def test_temperatures_of_two_specimens_are_from_one_mean(bench):
+    """Constants and coefficients within 3 of their deviations, whichever specimen comes first.
+
+    A further specimen without a stated temperature is taken at the mean, where it was.
+    """
+    celsius = {"first": (20.0, 40.0), "second": (30.0, 60.0), "unstated": (None,)}
+    files, seed = [], 0
+    for name, several in celsius.items():
+        bench.lines = []
+        for one in several:
+            stated = {} if one is None else {"temperature": f"{one} °C"}
+            bench.add(f"{name} {one}", sweep(theta=warmed(0.0 if one is None else one - 37.5), seed=seed), **stated)
+            seed += 1
+        files.append(read_specimen(bench.write(name=name)))
+    for order in ((0, 1, 2), (2, 1, 0)):
+        result = update([files[number] for number in order])
+        series = result.temperature
+        assert series.reference_C == pytest.approx(37.5) and sorted(series.measured_C) == [20.0, 30.0, 40.0, 60.0]
+        for name, (real, _) in COEFFICIENTS.items():
+            one, found, exact = result.parameters[name], series.coefficients[name], truth()[NAMES.index(name)]
+            assert abs(one.value - exact.real) < 3 * one.std, (order, name)
+            assert abs(found.relative - real) < 3 * found.std and found.std < 0.1 * real, (order, name)
+
+
+@pytest.mark.parametrize("counts", [(3, 2), (2, 3), (1, 2)])
+def test_every_specimen_has_its_own_shifts_from_sweep_to_sweep(bench, counts):
+    """Of each further sweep of each specimen; every sweep has the unknowns of its own specimen, each in its place."""
+    files = []
+    for name, count in zip("ab", counts, strict=True):
+        bench.lines = []
+        for number in range(count):
+            bench.add(f"{name}{number}", sweep(seed=number))
+        files.append(read_specimen(bench.write(name=name)))
+    several = subjects(measure_each(files))
+    unknowns = unknowns_of(several)
+    shifts = {name for name in unknowns.names if name.startswith("repeatability")}
+    assert shifts == {
+        f"repeatability ({name}).sweep_{number}"
+        for name, count in zip("ab", counts, strict=True)
+        for number in range(2, count + 1)
+    }
+    for one in several:
+        own, places = one.share.of(unknowns)
+        assert own.names == tuple(unknowns.names[place] for place in places)
+
+
+def test_a_shift_from_sweep_to_sweep_is_one_of_frequency():
+    """s → s/(1 + p)²: the pole of a thin bar of the second sweep lies 1 + p times as high, that of the first stays;
+    slopes in p by differences.
+    """
+    shift, omega = 3e-3, np.ones(1)
+    context = {"tolerances": {"repeatability": 5e-5}, "constants": None}
+    for number in (0, 1):
+        conditions = SweepConditions(number=number, count=2)
+        (effect,) = between_sweeps.candidates(SimpleNamespace(conditions=conditions, **context))
+        before, none = truth()[None], np.zeros((1, 10, 0), dtype=complex)
+
+        def after(p: float, effect=effect, before=before, none=none) -> np.ndarray:
+            return effect.constants(before, none, omega, np.array([p]))[0][0]
+
+        pole = np.sqrt(before[0, 0] / after(shift)[0])  # of a bar: 1/(2L √(ρ s11))
+        assert pole == pytest.approx(1 + number * shift, rel=1e-12)
+        assert np.array_equal(after(shift)[5:], before[0, 5:])
+        slopes = effect.constants(before, none, omega, np.array([shift]))[2][0, :, 0]
+        difference = (after(shift + 1e-6) - after(shift - 1e-6)) / 2e-6
+        np.testing.assert_allclose(slopes, difference, rtol=1e-7, atol=0)
 
 
 def leaning(drive: float, beta: float, ratio: float, frequency: np.ndarray) -> np.ndarray:

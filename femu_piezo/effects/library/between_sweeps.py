@@ -1,6 +1,6 @@
 """What differs between the sweeps of one specimen: its stated temperature, and small changes that nobody noticed.
 
-    θ → θ (1 + a ΔT)(1 − j b ΔT)    for every constant, free or held, ΔT from the mean temperature of the sweeps,
+    θ → θ (1 + a ΔT)(1 − j b ΔT)    for every constant, free or held, ΔT from the mean temperature of all sweeps,
 
 so that b is the growth of the loss tangent per kelvin. a includes the thermal expansion of the body, some 1e-6/K.
 Changes that are not stated (a few tenths of a kelvin, a new grip) shift the resonances of each further sweep against
@@ -91,6 +91,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     for number in range(1, conditions.count)
                 ),
                 constants=_shift(conditions.number),
+                of_specimen=True,
                 of_conditions=True,
             )
         )
