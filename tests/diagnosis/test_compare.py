@@ -13,9 +13,12 @@ import pytest
 from diagnosis.conftest import FREQUENCY
 from femu_piezo.diagnosis import verdict as verdicts
 from femu_piezo.diagnosis.confounding import parallel, tangents
+from femu_piezo.diagnosis.hypotheses import Weighing
+from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.selection import compare
 from femu_piezo.diagnosis.starts import starts
 from femu_piezo.diagnosis.verdict import judge, no_imitation
+from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.held_out import misfit_of_unseen
 from femu_piezo.measurement.autoregression import Autoregression
@@ -285,6 +288,28 @@ def test_a_misfit_beyond_the_noise_makes_the_verdict_unknown(setup, share):
     result, verdict = run(setup, data)
     assert not result.discrepant
     assert verdict.word == ("unknown" if share else "effect")
+
+
+def test_odds_of_sets_are_those_of_the_formula():
+    """p^|S| π^δ (1 − π)^(1 − δ), p = q/(N + F) and π = F p: q causes are expected, laws of one cause share its p.
+
+    Three causes, one of them with two laws; q = 0.5 and F = 3.01.
+    """
+    library = [Effect(name, name, (), law=law) for name, law in (("a", ""), ("b", ""), ("c", "one"), ("c", "two"))]
+    weighing, each = Weighing(None, None, library, Rules()), 0.5 / 6.01
+    chances = [each, each, each / 2, each / 2]
+    assert [weighing.log_prior[effect.key] for effect in library] == pytest.approx(np.log(chances))
+    assert weighing.discrepancy_prior == pytest.approx(3.01 * each)
+    assert sum(chances) + weighing.discrepancy_prior == pytest.approx(0.5)
+
+    parameters = SimpleNamespace(candidates=("a", library[2].key), causes=(library[0], library[2]))
+    found = SimpleNamespace(parameters=parameters, log_evidence=-7.0, learned=SimpleNamespace(log_evidence=4.0))
+    of_set = weighing.hypothesis(found)
+    plain = np.exp(-7.0) * each * each / 2 * (1 - 3.01 * each)
+    discrepant = np.exp(-7.0 + 4.0) * each * each / 2 * 3.01 * each
+    assert of_set.log_plain == pytest.approx(np.log(plain)) and of_set.discrepant
+    assert of_set.log_with_discrepancy == pytest.approx(np.log(discrepant))
+    assert of_set.log_posterior == pytest.approx(np.log(plain + discrepant))
 
 
 def test_probability_that_a_cause_is_no_imitation():

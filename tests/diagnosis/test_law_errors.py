@@ -13,6 +13,7 @@ from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.effects.local.plane_stress import unstressed
 from femu_piezo.inference.budget import budget
 from femu_piezo.inference.fit import Fit, fit, with_discrepancy
+from femu_piezo.inference.laws import law_misses
 from tests.noise import noisy
 
 NOISE = 2e-4
@@ -73,6 +74,31 @@ def test_the_error_of_a_law_as_a_whole_is_one_of_its_parameters(setup):
     parts = budget(found)
     np.testing.assert_allclose(np.sum([part**2 for part in parts.values()], axis=0), found.std**2, rtol=1e-9)
     np.testing.assert_allclose(parts["law"] ** 2, found.std**2 - replace(found, law=None).std ** 2, rtol=1e-6)
+
+
+def test_misses_of_a_law_are_those_of_its_formulas(setup):
+    """Of a crack: e p ∂log Z/∂p of each parameter; and in each band e p ∂log Z/∂p of the size less what the other
+    unknowns do as well within their priors, by normal equations.
+    """
+    crack = setup.library["local_crack"]
+    parameters, x = setup.with_effects({"local_crack": np.array([5e-3 * SIZE[0], 0.3 * SIZE[0], SIZE[0] / 40])})
+    data = setup.data(setup.evaluation.impedance(parameters, x), NOISE)
+    jacobian = data.whitened(*setup.evaluation.with_jacobian(parameters, x))[1]
+    found = law_misses(setup.evaluation, data, parameters, x, jacobian)
+    own = np.arange(parameters.of_material, x.size)
+    shares = np.array([parameter.law_error for parameter in crack.parameters])
+    np.testing.assert_allclose(found[:, : own.size], jacobian[:, own] * shares * x[own], rtol=1e-12)
+    others, miss = np.delete(np.arange(x.size), own), shares[0] * x[own[0]] * jacobian[:, own[0]]
+    slopes = jacobian[:, others]
+    precision = slopes.T @ slopes + np.diag(1 / parameters.prior_std[others] ** 2)
+    miss = miss - slopes @ np.linalg.solve(precision, slopes.T @ miss)
+    bands = np.array_split(np.arange(FREQUENCY.size), 10)
+    in_bands = found[:, own.size :]
+    assert in_bands.shape[1] == len(bands)
+    for points, column in zip(bands, in_bands.T, strict=True):
+        rows = np.concatenate([points, points + FREQUENCY.size])
+        np.testing.assert_allclose(column[rows], miss[rows], atol=1e-6 * np.abs(miss).max())
+        assert not np.any(np.delete(column, rows))
 
 
 def test_laws_without_approximation_ask_for_no_discrepancy(setup):

@@ -14,7 +14,7 @@ from hidden_effects.draws import Draw, draw
 from femu_piezo.errors import InputError
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.study.adaptive import Wish, adapt, joined, next_frequencies, watching
-from femu_piezo.study.linearised import _median_over
+from femu_piezo.study.linearised import Linearised, _median_over
 from femu_piezo.study.update import update
 from tests.study.bench import BAND, Bench, specimen_of
 
@@ -164,6 +164,21 @@ def test_crowded_points_do_not_move_the_median_over_the_band():
     frequency = np.union1d(np.linspace(0.0, 100.0, 101), np.linspace(50.01, 50.99, 90))
     values = np.where(np.abs(frequency - 50.5) < 0.5, 30.0, 1.0) + 1e-3 * frequency
     assert np.median(values) > 1.05 and _median_over(np.gradient(frequency), values) == pytest.approx(1.05, abs=2e-3)
+
+
+@pytest.mark.parametrize(("share", "seen"), [(1.0, True), (0.7, False)])
+def test_a_mode_of_the_least_coupling_departs_in_the_middle_of_the_widest_gap(share, seen):
+    """A lossless mode of `share` times that coupling, Y = jωC [1 + k²/(1 − (f/f0)²)], between two of the points that
+    are farthest apart; its neighbours have no noise of their own.
+    """
+    frequency, noise = np.linspace(100e3, 110e3, 41), 1e-3
+    about = object.__new__(Linearised)
+    about._frequency, about._noise, about._reach = frequency, np.full(frequency.size, noise), 0.0
+    about._resonances = np.array([(2 * np.pi * 105e3) ** 2])
+    square, place = share * about.least_coupling() ** 2, frequency[19:21].mean()
+    assert about.least_coupling() ** 2 == pytest.approx(4 * np.sqrt(1.5) * noise * 250 / 100.25e3, rel=1e-3)
+    about.__dict__["_log_error"] = np.log(1 + square / (1 - (frequency / place) ** 2)) + 0j
+    assert bool(np.any(about._departing_from(0.0))) == seen
 
 
 @pytest.mark.slow
