@@ -1,12 +1,11 @@
-"""Closed forms of a small electro-elastic pencil: poles, zeros, Z(f) and their exact derivatives.
+"""Closed forms of a small electro-elastic pencil: poles and zeros with their exact derivatives, and Z(f).
 
 With the inner potentials eliminated and the displacement in modal coordinates (w_nᵗw_m = δ_nm), the charge per volt of
 the part is a sum of partial fractions
 
     F(ω) = Q/V = C∞ + Σ_n g_n²/(λ_n − ω²),      Y = jω · admittance_factor · F.
 
-Its poles are λ_n, its zeros the eigenvalues of diag(λ) + g gᵗ/C∞. The charge is stationary in the state x(ω)
-driven by one volt, so ∂F/∂c_q = −xᵗA_q x, again a sum over simple and double poles.
+Its poles are λ_n, its zeros the eigenvalues of diag(λ) + g gᵗ/C∞.
 """
 
 from __future__ import annotations
@@ -16,9 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.threads import blas_limit, made_once
-
-#: Relative distance below which two eigenvalues count as one in the partial fractions.
-_DEGENERATE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -45,25 +41,12 @@ class ModalModel:
     def admittance(self, omega: np.ndarray) -> np.ndarray:
         """Y of the specimen (k,), siemens, at angular frequencies (k,)."""
         with blas_limit():
-            fraction = self.clamped_capacitance + self._resolvent(omega) @ self.charges**2
+            fraction = self.clamped_capacitance + 1 / (self.eigenvalues - omega[:, None] ** 2) @ self.charges**2
         return 1j * omega * self.admittance_factor * fraction
 
     def impedance(self, omega: np.ndarray) -> np.ndarray:
         """Z of the specimen (k,), ohm."""
         return 1.0 / self.admittance(omega)
-
-    def admittance_jacobian(self, omega: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
-        """∂Y/∂c_q of the specimen, (k, n_terms) complex, for every affine term.
-
-        Parameters
-        ----------
-        directions : (n_terms, n) ∂c/∂θ, real or complex; gives ∂Y/∂θ (k, n) instead, cheaper for few θ
-        """
-        with blas_limit():
-            resolvent = self._resolvent(omega)
-            clamped, simple, double = self._partial_fractions(directions)
-            fraction = clamped + resolvent @ simple + resolvent**2 @ double
-        return -1j * (omega * self.admittance_factor)[:, None] * fraction
 
     @made_once
     def zeros(self) -> tuple[np.ndarray, np.ndarray]:
@@ -89,36 +72,6 @@ class ModalModel:
         """∂λ/∂c_q of one zero, (n_terms,) complex."""
         state = self.states[:, 1:] @ self.zeros[1][:, index] + self.states[:, 0] * self.zero_amplitudes[index]
         return (self.terms @ state) @ state
-
-    def _resolvent(self, omega: np.ndarray) -> np.ndarray:
-        return 1.0 / (self.eigenvalues[None, :] - omega[:, None] ** 2)
-
-    def _partial_fractions(self, directions: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coefficients of xᵗA_q x = clamped + Σ simple_n/(λ_n − s) + Σ double_n/(λ_n − s)², s = ω².
-
-        Shapes (q,), (n, q) and (n, q), with q the affine terms or the directions.
-        """
-        inner = self._driven_products(directions)  # (terms, n+1, n+1)
-        gap = self.eigenvalues[None, :] - self.eigenvalues[:, None]
-        merged = np.abs(gap) <= _DEGENERATE * np.abs(self.eigenvalues)[:, None]
-        weight = np.where(merged, 0.0, 2.0 / np.where(merged, 1.0, gap))
-        modes = inner[:, 1:, 1:]
-        simple = 2 * inner[:, 0, 1:] + np.einsum("qnm,nm->qn", modes, weight)
-        double = np.einsum("qnm,nm->qn", modes, merged)
-        return inner[:, 0, 0], simple.T, double.T
-
-    def _driven_products(self, directions: np.ndarray | None) -> np.ndarray:
-        """XᵗA_qX (terms, n+1, n+1) of the driven parts X: clamped state, −g_n x_n."""
-        driven = np.concatenate([self.states[:, :1], -self.states[:, 1:] * self.charges], axis=1)
-        if directions is not None:
-            count, size, _ = self.terms.shape
-            terms = (directions.T @ self.terms.reshape(count, -1)).reshape(-1, size, size)
-            return driven.T @ (terms @ driven)
-        size, width = driven.shape
-        real, imag = np.ascontiguousarray(driven.real), np.ascontiguousarray(driven.imag)
-        flat = self.terms.reshape(-1, size)
-        products = (flat @ np.hstack([real, imag])).reshape(-1, size, 2 * width)
-        return driven.T @ (products[:, :, :width] + 1j * products[:, :, width:])
 
 
 def _eigen(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

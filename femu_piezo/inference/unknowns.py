@@ -226,17 +226,6 @@ class MaterialParameters:
     def constants(self, x: np.ndarray) -> PiezoConstants:
         return PiezoConstants.from_vector(self.vector(x))
 
-    def coefficient_slopes(self, x: np.ndarray) -> np.ndarray:
-        """(10, 2n) complex ∂(e-form)/∂x."""
-        return self.free.e_form_jacobian(self.theta(x)) @ self.slopes(x)
-
-    def theta_covariance(self, x: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-        """Covariance (2n, 2n) over (Re θ_1, Im θ_1, …) from that over x (2n, 2n)."""
-        slopes = self.slopes(x)
-        real = np.empty((2 * self.scale.size, x.size))
-        real[0::2], real[1::2] = slopes.real, slopes.imag
-        return real @ covariance @ real.T
-
 
 #: Prior of any ceramic where the file states no deviation: real parts ±50 % of the file's, tangents 0.02 ± 0.05.
 _REAL_STD, TANGENT, _TANGENT_STD = 0.5, 0.02, 0.05

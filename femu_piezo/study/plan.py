@@ -96,10 +96,7 @@ def plan_sweep(subject: Subject, evaluation: Evaluation, noise: float, points: i
 def resonances_of(evaluation: Evaluation, unknowns: Unknowns, x: np.ndarray) -> np.ndarray:
     """Poles and zeros λ (m,) of a model at unknowns (n_x,)."""
     modal = evaluation.modal(unknowns, x)
-    zeros = np.linalg.eigvals(
-        np.diag(modal.eigenvalues) + np.outer(modal.charges, modal.charges / modal.clamped_capacitance)
-    )
-    found = np.concatenate([modal.eigenvalues, zeros])
+    found = np.concatenate([modal.eigenvalues, modal.zeros[0]])
     return found[found.real > 0]
 
 

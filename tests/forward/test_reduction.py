@@ -101,31 +101,6 @@ def test_no_mode_of_the_eighth_is_missed():
         assert np.sum(reduced < (2 * np.pi * band) ** 2) == np.sum(full < (2 * np.pi * band) ** 2) > 3
 
 
-def test_jacobian_is_the_derivative(trained):
-    """∂Y/∂c_q against Richardson-extrapolated differences, at resonances and off them; and along given directions."""
-    _, free, band, reduced = trained
-    theta = free.start.real * (1 - 1j * np.array([0.01, 0.02, 0.015]))
-    e_form = free.constants(theta).to_e_form()
-    omega = 2 * np.pi * np.array([100.0, 30e3, 0.5 * band, band])
-    exact = reduced.modal(e_form).admittance_jacobian(omega)
-    vector = e_form.vector()
-    size = np.abs(reduced.modal(e_form).admittance(omega))
-
-    def admittance(index, step):
-        moved = vector.copy()
-        moved[index] *= 1 + step
-        return reduced.modal_at(moved).admittance(omega)
-
-    for index in np.flatnonzero(vector):
-        coarse, fine = ((admittance(index, h) - admittance(index, -h)) / (2 * h) for h in (2e-4, 1e-4))
-        slope = (4 * fine - coarse) / 3
-        assert np.all(np.abs(exact[:, index] * vector[index] - slope) < 1e-7 * np.maximum(np.abs(slope), size))
-    directions = free.e_form_jacobian(theta)
-    contracted = reduced.modal(e_form).admittance_jacobian(omega, directions)
-    size = np.abs(exact @ directions).max(axis=0)
-    np.testing.assert_allclose(contracted / size, exact @ directions / size, atol=1e-9)
-
-
 def test_extra_terms_are_trained_too():
     """A point mass near the corner: its coefficient −ω²m is trained by real negative values."""
     plate, band, mass = Plate(12e-3, 5e-3, 1e-3), 150e3, 5e-6
