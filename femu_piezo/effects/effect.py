@@ -356,6 +356,7 @@ class SweepConditions:
     rising : whether its frequency rose in time
     drive : its voltage over the largest of all sweeps
     fixture : name of what held the specimen; "" where that is not said
+    celsius : stated temperature, °C; None where there is none
     warmer_K : temperature above the mean of all sweeps, of all specimens that are fitted together; 0 where unknown
     span_K : half the range of all temperatures
     """
@@ -365,8 +366,14 @@ class SweepConditions:
     rising: bool = True
     drive: float = 1.0
     fixture: str = ""
+    celsius: float | None = None
     warmer_K: float = 0.0
     span_K: float = 0.0
+
+    def above(self, reference: float) -> SweepConditions:
+        """These conditions with the temperature counted from a reference, °C, in place of the mean."""
+        warmer = 0.0 if self.celsius is None else self.celsius - reference
+        return replace(self, warmer_K=warmer, span_K=max(self.span_K, abs(warmer)))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from femu_piezo.diagnosis.comparison import Comparison
 from femu_piezo.diagnosis.next_measurement import Separation
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.verdict import Verdict, judge
-from femu_piezo.effects.library import FREE, REFERENCE, Maker
+from femu_piezo.effects.library import FREE, REFERENCE, TEMPERATURE, Maker
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
@@ -25,7 +25,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.comparing import compare_causes
-from femu_piezo.study.measured import Measured, Sweep, measure_each
+from femu_piezo.study.measured import Measured, Sweep, conditions_of, measure_each
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
@@ -36,7 +36,7 @@ from femu_piezo.study.results import mesh_words, rms
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.standard_figures import figures_of
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, subjects
-from femu_piezo.study.temperature import constants_under
+from femu_piezo.study.temperature import COEFFICIENTS, constants_under
 from femu_piezo.threads import in_parallel, made_once, with_blas_limit
 
 #: Most resonances of a linear body that is fitted for comparison.
@@ -349,6 +349,9 @@ def extended_specimen(diagnosis: Diagnosis) -> Specimen:
     """
     final, specimen = diagnosis.comparison.final, diagnosis.specimen
     owner, fixtures = diagnosis.sweeps[diagnosis.shown].name, set()
+    conditions = diagnosis.sweeps[diagnosis.shown].measured.conditions
+    own_temperatures = {one.celsius for one in conditions_of(diagnosis.piece)} - {None}
+    reference = None if conditions.celsius is None else conditions.celsius - conditions.warmer_K
     if diagnosis.piece.sweep is not None:
         specimen, fixtures = diagnosis.piece, {one.fixture for one in diagnosis.piece.sweep}
     material = final.parameters.material
@@ -364,6 +367,8 @@ def extended_specimen(diagnosis: Diagnosis) -> Specimen:
     for effect, fitted in zip(final.parameters.effects, final.parameters.values(final.x), strict=True):
         if effect.owner not in {"", owner, *fixtures}:
             continue
+        if effect.name == COEFFICIENTS and own_temperatures <= {reference}:
+            continue  # the fitted constants are those at the reference
         named = effect.freed or effect.key in final.parameters.candidates
         title = f"{effect.name} ({effect.owner})" if effect.owner in fixtures else effect.name
         table = tables["effects" if named else "fitted"].setdefault(title, {})
@@ -373,4 +378,6 @@ def extended_specimen(diagnosis: Diagnosis) -> Specimen:
             table[FREE] = tuple(dict.fromkeys((*table.get(FREE, ()), *found)))
         if effect.dispersive:
             table.setdefault(REFERENCE, diagnosis.sweeps[0].reference_Hz)
+        if effect.name == COEFFICIENTS:
+            table[TEMPERATURE] = reference
     return specimen.model_copy(update={kind: table or None for kind, table in tables.items()})

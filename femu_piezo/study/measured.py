@@ -59,12 +59,6 @@ class Measured:
     conditions: SweepConditions = field(default_factory=SweepConditions)
 
     @property
-    def temperature_C(self) -> float | None:
-        """Stated temperature of the specimen, °C."""
-        sweeps = self.problem.specimen.sweep
-        return None if sweeps is None else sweeps[0].temperature
-
-    @property
     def holds_fundamental(self) -> bool:
         """Whether the fundamental is in this sweep."""
         return self.pair in self.extraction.pairs
@@ -136,7 +130,7 @@ def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None 
         sweeps = [(own, next(given)) for own in specimen.of_each_sweep]
         _refuse_idle_layout(specimen, sweeps)
         found += _of_one_piece(specimen, [_analysed(*one) for one in sweeps])
-    warmer, span = _from_mean([one.temperature_C for one in found])
+    warmer, span = _from_mean([one.conditions.celsius for one in found])
     return [
         replace(one, conditions=replace(one.conditions, warmer_K=float(kelvin), span_K=span))
         for one, kelvin in zip(found, warmer, strict=True)
@@ -256,6 +250,7 @@ def conditions_of(piece: Specimen) -> list[SweepConditions]:
             rising=one.direction != "down",
             drive=volt / max(volts),
             fixture=one.fixture or "",
+            celsius=one.temperature,
             warmer_K=float(kelvin),
             span_K=span,
         )

@@ -13,7 +13,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.study.subjects import Subject
 
 #: The effect whose parameters the coefficients are (`femu_piezo.effects.library.between_sweeps`).
-_COEFFICIENTS = "temperature_coefficients"
+COEFFICIENTS = "temperature_coefficients"
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class TemperatureSeries:
 def temperature_series(found: Fit, several: Sequence[Subject]) -> TemperatureSeries | None:
     """The constants over temperature; None where the sweeps are of one temperature."""
     parameters = found.parameters
-    number = next((i for i, effect in enumerate(parameters.effects) if effect.name == _COEFFICIENTS), None)
+    number = next((i for i, effect in enumerate(parameters.effects) if effect.name == COEFFICIENTS), None)
     if number is None:
         return None
 
@@ -99,7 +99,7 @@ def temperature_series(found: Fit, several: Sequence[Subject]) -> TemperatureSer
         return float(found.x[column] * unit), float(found.std[column] * unit)
 
     coefficients = {name: Coefficient(*told(name), *told(f"tan_{name}")) for name in parameters.material.free.names}
-    stated = (one.measured.temperature_C for one in several)
+    stated = (one.measured.conditions.celsius for one in several)
     measured = tuple(celsius for celsius in stated if celsius is not None)
     return TemperatureSeries(float(np.mean(measured)), measured, coefficients, found, number)
 

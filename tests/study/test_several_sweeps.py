@@ -33,6 +33,8 @@ from femu_piezo.errors import InputError
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.specimen.file import Simulation
+from femu_piezo.study.diagnose import extended_specimen
 from femu_piezo.study.measured import measure_each
 from femu_piezo.study.subjects import subjects
 from femu_piezo.study.unknowns import unknowns_of
@@ -274,6 +276,26 @@ def test_temperatures_of_two_specimens_are_from_one_mean(bench):
             one, found, exact = result.parameters[name], series.coefficients[name], truth()[NAMES.index(name)]
             assert abs(one.value - exact.real) < 3 * one.std, (order, name)
             assert abs(found.relative - real) < 3 * found.std and found.std < 0.1 * real, (order, name)
+
+
+def test_extended_files_of_specimens_at_several_temperatures_give_their_curves(bench):
+    """Of a specimen at two temperatures, of one at a third, and of one whose temperature is not stated: the curve of
+    the first sweep of each, within 3e-4 (the mesh of a simulation is coarser).
+    """
+    celsius, files = {"series": (20.0, 40.0), "hot": (60.0,), "unstated": (None,)}, []
+    for name, several in celsius.items():
+        bench.lines = []
+        for number, one in enumerate(several):
+            stated = {} if one is None else {"temperature": f"{one} °C"}
+            bench.add(f"{name} {number}", sweep(theta=warmed(0.0 if one is None else one - 40), seed=number), **stated)
+        files.append(read_specimen(bench.write(name=name)))
+    result = diagnose(files, effects=[])
+    wish = Simulation(start=FREQUENCY[0], stop=FREQUENCY[-1], points=FREQUENCY.size)
+    for shown in (0, 2, 3):
+        one = result.of(shown)
+        extended_specimen(one).write(bench.folder / "extended.toml")
+        file = read_specimen(bench.folder / "extended.toml").model_copy(update={"simulation": wish})
+        assert np.max(np.abs(simulate(file).spectrum.impedance / one.curves[1] - 1)) < 3e-4, shown
 
 
 @pytest.mark.parametrize("counts", [(3, 2), (2, 3), (1, 2)])

@@ -20,7 +20,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.errors import InputError
-from femu_piezo.units import parse_quantity, shown
+from femu_piezo.units import parse_quantity, parse_temperature, shown
 
 #: Entry of a list of effects: an effect, or a function that makes those that a specimen may have (one, several, none).
 Maker = Effect | Callable[[EffectContext], Effect | Iterable[Effect] | None]
@@ -103,8 +103,9 @@ _LONGEST = 60
 _ANY_BAND = (1.0, 1e9)
 #: Title of a table about an effect of one of several fixtures: NAME (FIXTURE).
 _OF_FIXTURE = re.compile(r"(?P<name>[^ ]+) \((?P<fixture>.+)\)")
-#: Keys of an [effects.NAME] table: where a law over frequency is anchored, and the parameters that every fit estimates.
-REFERENCE, FREE = "reference_frequency", "free"
+#: Keys of an [effects.NAME] table: the frequency at which a law is anchored, the temperature, °C, from which one over
+#: temperature counts (the mean of the sweeps where there is none), and the parameters that every fit estimates.
+REFERENCE, TEMPERATURE, FREE = "reference_frequency", "reference_temperature", "free"
 
 
 def from_table(
@@ -133,6 +134,9 @@ def from_table(
         free = unread.pop(FREE, ())
         anchor = unread.pop(REFERENCE, context.fundamental_Hz)
         at = replace(context, fundamental_Hz=parse_quantity(anchor, "Hz", f"{where}: {kind}.{name}.{REFERENCE}"))
+        if TEMPERATURE in unread:
+            reference = parse_temperature(unread.pop(TEMPERATURE), f"{where}: {kind}.{name}.{TEMPERATURE}")
+            at = replace(at, conditions=context.conditions.above(reference))
         # the file may state an error of a constant that is free now, or an effect of a sweep over another band
         known = effects_of(replace(at, free=(), band_Hz=_ANY_BAND), offered)
         variants = [effect for effect in known if effect.name == name]
@@ -142,7 +146,7 @@ def from_table(
         if not isinstance(free, tuple) or not set(free) <= set(values):
             raise InputError(
                 f"{where}: {kind}.{name}.{FREE} = {_as_written(free)} is no list of parameters of its table, such as "
-                f"{_as_written([key for key in values if key not in (FREE, REFERENCE)])}"
+                f"{_as_written([key for key in values if key not in (FREE, REFERENCE, TEMPERATURE)])}"
             )
         for effect in variants:
             if {parameter.name for parameter in effect.parameters if not parameter.optional} <= set(unread):
