@@ -19,7 +19,7 @@ import scipy.sparse.linalg as spla
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
-from femu_piezo.material.constants import ElasticForm, PiezoConstants
+from femu_piezo.material.constants import ElasticForm
 from femu_piezo.resonances import Kind
 
 Circuit = Literal["short", "open"]
@@ -144,8 +144,3 @@ def _with_amplitudes(circuit: Circuit, stiffness, values, vectors) -> Eigenpairs
     coupling = np.asarray(stiffness[:-1, -1].todense()).ravel() / POTENTIAL_SCALE
     vectors = np.vstack([vectors, np.zeros(vectors.shape[1])])
     return Eigenpairs(circuit, values, vectors, coupling @ vectors[:-1])
-
-
-def d_form_sensitivity(constants: PiezoConstants, e_form_sensitivity: np.ndarray) -> np.ndarray:
-    """Chain rule ∂λ/∂θ_d = ∂λ/∂θ_e ∂θ_e/∂θ_d: (…, 10) in e-form → (…, 10) in d-form, both complex."""
-    return e_form_sensitivity @ constants.e_form_jacobian()

@@ -68,14 +68,6 @@ class Difference:
         measured, model = self.couplings
         return _difference(model, measured, "value", measured.std)
 
-    @property
-    def worst_sigma(self) -> float | None:
-        """The largest of the differences in σ; None where no σ is known or there is no partner."""
-        sigmas = [
-            abs(d[1]) for d in (self.frequency, self.quality, self.coupling) if d is not None and d[1] is not None
-        ]
-        return max(sigmas, default=None)
-
     def to_json(self) -> dict | None:
         """Simulated resonance and differences; None where there is no partner."""
         if self.model is None:

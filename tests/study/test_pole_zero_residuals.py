@@ -49,7 +49,6 @@ def test_known_differences_are_found():
     # k_eff² ≈ C_i/C at the pole: twice the coupling, less the second order of the share
     assert upper.coupling[0] == pytest.approx(100, abs=5)
     assert abs(lower.frequency[1]) < 4 and abs(lower.quality[1]) < 4
-    assert upper.worst_sigma > 10
     assert lower.coupling[0] < -1  # the stronger upper mode adds to the static compliance and so shifts the lower zero
     assert found.unexplained == found.extra == ()
 
