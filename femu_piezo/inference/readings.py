@@ -7,7 +7,8 @@
     d33             Re d33, far below any relaxation
     sound_velocity  √(c33D/ρ) of a wave along the poling, far wider than its wavelength, c33D = c33E + e33²/ε33S
 
-Readings concern the specimen alone: effects of a fixture on a sweep are not in them.
+Readings concern the specimen alone: effects of a fixture on a sweep are not in them, nor are the conditions of a sweep.
+Where sweeps have several temperatures, readings are taken at that of the constants, the mean of the sweeps.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class Reading:
         return (predicted - self.value) / self.std, found
 
     def _predicted(self, parameters: Unknowns, x: np.ndarray) -> tuple[float, np.ndarray]:
-        active = active_effects(parameters, x)
+        active = [item for item in active_effects(parameters, x) if not item.effect.of_conditions]
         return {
             "mass": self._mass,
             "capacitance": self._capacitance,

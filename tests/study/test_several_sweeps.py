@@ -30,6 +30,7 @@ from femu_piezo.effects.library import (
     temperature_drift,
 )
 from femu_piezo.errors import InputError
+from femu_piezo.inference.readings import read_beside
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -296,6 +297,22 @@ def test_extended_files_of_specimens_at_several_temperatures_give_their_curves(b
         extended_specimen(one).write(bench.folder / "extended.toml")
         file = read_specimen(bench.folder / "extended.toml").model_copy(update={"simulation": wish})
         assert np.max(np.abs(simulate(file).spectrum.impedance / one.curves[1] - 1)) < 3e-4, shown
+
+
+def test_a_reading_is_at_the_mean_temperature_whichever_sweep_is_first(bench):
+    """The capacitance at 50 °C beside sweeps at 20 and 80 °C, between which it grows by a fifth."""
+    square = truth()[NAMES.index("eps33T")].real * SIZE[0] * SIZE[1] / SIZE[2]
+    table = ("[readings]", f"capacitance = {square}", "std_capacitance = 0.001")
+    for order in ((20.0, 80.0), (80.0, 20.0)):
+        bench.lines = []
+        for celsius in order:
+            spectrum = sweep(theta=warmed(celsius - 50), seed=int(celsius))
+            bench.add(f"at {celsius:g}", spectrum, temperature=f"{celsius} °C")
+        result = update(bench.write(*table))
+        assert abs(read_beside(result.fit)["capacitance"]["sigma"]) < 3
+        for name in OFF:
+            one, exact = result.parameters[name], truth()[NAMES.index(name)].real
+            assert abs(one.value - exact) < 3 * one.std and one.std < 0.01 * abs(exact), (order, name)
 
 
 @pytest.mark.parametrize("counts", [(3, 2), (2, 3), (1, 2)])
