@@ -35,7 +35,7 @@ def active_effects(parameters: Unknowns, x: np.ndarray) -> list[Active]:
 
 
 def effects_on_constants(parameters: Unknowns, x: np.ndarray) -> list[Active]:
-    """The active effects at x (n_x,) that change the constants alike at all frequencies, in the order they act."""
+    """The active effects at x (n_x,) that change the constants alike at all frequencies and in all sweeps, in order."""
     fixed = [item for item in parameters.fixed if item[0].on_constants]
     return _in_order(parameters, x, fixed, parameters.on_constants)
 
@@ -190,12 +190,23 @@ def _changed(
         pairs = list(group)
         factors = [(item, hook.index) for item, hook in pairs if isinstance(hook, ConstantFactor)]
         if factors:
-            theta, tangents = _multiplied(theta, tangents, factors)
+            for distinct in _distinct(factors):
+                theta, tangents = _multiplied(theta, tangents, distinct)
             continue
         for item, hook in pairs:
             theta, tangents, slopes = hook(theta, tangents, omega, item.values)
             item.put(tangents, slopes)
     return theta, tangents
+
+
+def _distinct(factors: Iterable[tuple[Active, int]]) -> list[list[tuple[Active, int]]]:
+    """Factors, each given with the number of its constant, in parts in which no constant comes twice."""
+    found: list[list[tuple[Active, int]]] = []
+    for item, index in factors:
+        if not found or index in [other for _, other in found[-1]]:
+            found.append([])
+        found[-1].append((item, index))
+    return found
 
 
 def _multiplied(
