@@ -288,8 +288,8 @@ class Effect:
 
     @property
     def on_constants(self) -> bool:
-        """Whether it changes the constants, and equally at all frequencies."""
-        return self.constants is not None and not self.dispersive
+        """Whether it changes the constants, and equally at all frequencies and in all sweeps."""
+        return self.constants is not None and not self.dispersive and not self.of_conditions
 
     @made_once
     def place(self) -> tuple[float, bool]:

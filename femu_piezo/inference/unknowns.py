@@ -365,7 +365,7 @@ class Unknowns:
 
     @made_once
     def on_constants(self) -> tuple[int, ...]:
-        """Numbers of the effects that change the constants alike at all frequencies."""
+        """Numbers of the effects that change the constants alike at all frequencies and in all sweeps."""
         return tuple(number for number, effect in enumerate(self.effects) if effect.on_constants)
 
     @made_once

@@ -31,8 +31,9 @@ def _pairs(size: int) -> tuple[np.ndarray, np.ndarray]:
 class Walls:
     """The walls at given unknowns, with their slopes.
 
-    The constants are those with all effects but laws over frequency. With eigenvalues λ_i and eigenvectors v_i of every
-    block L of both matrices, and h_ij = v_iᵗ (∂L/∂x) v_j, the walls cost Σ min(0, λ_i)²/TOLERANCE².
+    The constants are those of every specimen, with all effects but laws over frequency and conditions of a sweep. With
+    eigenvalues λ_i and eigenvectors v_i of every block L of both matrices, and h_ij = v_iᵗ (∂L/∂x) v_j, the walls cost
+    Σ min(0, λ_i)²/TOLERANCE².
 
     Parameters
     ----------
@@ -40,12 +41,15 @@ class Walls:
     """
 
     def __init__(self, parameters: Unknowns, x: np.ndarray) -> None:
-        self._parameters, self._x = parameters, x
-        self._active = effects_on_constants(parameters, x)
-        self._constants = even_constants(parameters, x, self._active)
-        blocks = range(self._constants.block_count)
-        pairs = [np.stack([self._constants.energy_block(n), self._constants.loss_block(n)]) for n in blocks]
-        self._eigen = [np.linalg.eigh(pair) for pair in pairs]
+        self._parameters, self._x, every = parameters, x, effects_on_constants(parameters, x)
+        owners = {item.effect.owner: None for item in every if item.effect.owner} or ("",)
+        of_each = [[item for item in every if item.effect.owner in ("", owner)] for owner in owners]
+        self._bodies = [(active, even_constants(parameters, x, active)) for active in of_each]
+        self._eigen = [
+            np.linalg.eigh(np.stack([constants.energy_block(block), constants.loss_block(block)]))
+            for _, constants in self._bodies
+            for block in range(constants.block_count)
+        ]
 
     @made_once
     def values(self) -> np.ndarray:
@@ -106,15 +110,16 @@ class Walls:
     @made_once
     def _eigen_slopes(self) -> list[np.ndarray]:
         """h (n_x, i, j) over the tolerance, of every block of each matrix."""
-        tangents = d_form_constants(self._parameters, self._x, self._active, np.ones(1))[1][0]
-        moving = np.flatnonzero(np.any(tangents != 0, axis=0))
-        found = []
-        for block, (_, of_both) in enumerate(self._eigen):
-            slopes = self._constants.block_slopes(block, tangents[:, moving].T)
-            for vectors, slope in zip(of_both, slopes, strict=True):
-                turned = np.zeros((self._x.size, *vectors.shape))
-                turned[moving] = vectors.T @ slope @ vectors / TOLERANCE
-                found.append(turned)
+        found, eigen = [], iter(self._eigen)
+        for active, constants in self._bodies:
+            tangents = d_form_constants(self._parameters, self._x, active, np.ones(1))[1][0]
+            moving = np.flatnonzero(np.any(tangents != 0, axis=0))
+            for block in range(constants.block_count):
+                slopes = constants.block_slopes(block, tangents[:, moving].T)
+                for vectors, slope in zip(next(eigen)[1], slopes, strict=True):
+                    turned = np.zeros((self._x.size, *vectors.shape))
+                    turned[moving] = vectors.T @ slope @ vectors / TOLERANCE
+                    found.append(turned)
         return found
 
 

@@ -12,6 +12,7 @@ from laboratory import FREQUENCY, NOISE, Response
 
 from femu_piezo.inference import descent
 from femu_piezo.inference.descent import CLOSE, COARSE, RANKED
+from femu_piezo.inference.ensemble import Share, with_owner
 from femu_piezo.inference.fit import closest, fit, linear_fit, stepped
 from femu_piezo.inference.marginal import Columns, Marginal
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
@@ -107,6 +108,36 @@ def test_wall_and_its_hessian(lab):
     # the loss matrix is linear in the tangents, so the Gauss-Newton Hessian is exact in them
     found = np.array([difference(gradient, x, column, 1e-6)[tangents] for column in tangents])
     np.testing.assert_allclose(hessian[np.ix_(tangents, tangents)], found, rtol=1e-4, atol=1e-6 * np.abs(found).max())
+
+
+def test_walls_are_those_of_every_specimen_whatever_the_sweep(lab):
+    """Two specimens whose files state different errors of d33, one of them impossible; conditions of a sweep are not
+    counted. Slopes by differences.
+    """
+    held = lab.library["wrong_insensitive_parameter:d33"]
+    known = [(with_owner(held, name), np.array([error, 0.0])) for name, error in (("a", 0.05), ("b", 0.6))]
+    effects = tuple(effect for effect in lab.unknowns.effects if effect.key != held.key)
+    warm = replace(held, name="warm", of_conditions=True)
+    unknowns = replace(lab.unknowns, effects=(*effects, warm), fixed=tuple(known))
+    x = unknowns.prior_mean.copy()
+    x[unknowns.columns(unknowns.index(warm.key)).start] = 0.5 / warm.scale[0]
+    both = Walls(unknowns, x)
+    alone = []
+    for name in "ab":
+        own, columns = Share((name,)).of(unknowns)
+        alone.append(Walls(own, x[columns]))
+    assert not alone[0].touched and alone[1].touched
+    np.testing.assert_allclose(both.values, np.concatenate([one.values for one in alone]), rtol=1e-12)
+    np.testing.assert_allclose(both.rows, np.concatenate([one.rows for one in alone]), rtol=1e-12)
+
+    def half_square(y: np.ndarray) -> float:
+        return 0.5 * Walls(unknowns, y).cost
+
+    exact = both.row_slopes.T @ both.rows
+    for column in range(unknowns.of_material):
+        assert difference(half_square, x, column, 1e-6) == pytest.approx(
+            exact[column], rel=1e-4, abs=1e-6 * np.abs(exact).max()
+        )
 
 
 def test_residual_of_the_wall_is_the_violation_over_the_tolerance(lab):
