@@ -394,7 +394,7 @@ class EffectContext:
         absolute of their tangents ("tan_s12"), SI of the fixture's "resistance", "inductance" and "capacitance";
         relative "accuracy" and "phase_accuracy" (rad) of the instrument. What has none is known exactly.
     density_from_mass : whether the density follows from a mass, so that a larger body is a lighter material
-    band_Hz : lowest and highest frequency of the sweep
+    band_Hz : lowest and highest frequency of all sweeps that are fitted together
     pace_Hz : frequencies that the sweep reached after equal shares of its time, rising; empty where it went evenly
         through `band_Hz`
     dimensions : length, width, thickness of a plate with three mirror planes, m; None for other bodies

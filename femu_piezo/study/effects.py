@@ -52,7 +52,7 @@ def effect_context(
     Parameters
     ----------
     impedance : typical |Z|, ohm, which bounds the parameters of circuits
-    band_Hz : lowest and highest frequency of the sweep
+    band_Hz : lowest and highest frequency of the sweep, or of all sweeps that are fitted together
     frequency : (k,) its points, Hz, all of which took equally long; evenly spaced over the band where None
     conditions : how the sweep was taken; as the only one, upwards, where None
     """

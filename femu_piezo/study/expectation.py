@@ -98,14 +98,17 @@ def planned(problems: Sequence[Problem], bands_Hz: Sequence[tuple[float, float]]
     if len(set(names)) < len(names):
         names = [f"{name} ({number})" for number, name in enumerate(names, 1)]
     names = names if len(names) > 1 else [""]
-    return tuple(_planned(*item) for item in zip(problems, names, bands_Hz, strict=True))
+    band = min(low for low, _ in bands_Hz), max(high for _, high in bands_Hz)
+    return tuple(_planned(*item, band) for item in zip(problems, names, bands_Hz, strict=True))
 
 
-def _planned(problem: Problem, name: str, band_Hz: tuple[float, float]) -> Subject:
+def _planned(problem: Problem, name: str, band_Hz: tuple[float, float], of_all: tuple[float, float]) -> Subject:
+    """band_Hz, of_all : lowest and highest frequency of its sweep, and of all sweeps"""
     specimen = problem.specimen
     measurement = specimen.measurement or Measurement()
     measured = replace(problem, specimen=specimen.model_copy(update={"measurement": measurement}))
-    return subject(name, problem, None, np.zeros(0), expected_context(measured, band_Hz))
+    context = replace(expected_context(measured, band_Hz), band_Hz=of_all)
+    return subject(name, problem, None, np.zeros(0), context)
 
 
 def expect(subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise: float) -> Expectation:

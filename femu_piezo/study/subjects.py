@@ -115,11 +115,14 @@ def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = Non
             f"{pieces[names.index(double)].path}: two specimens are named {double!r}; give each a name of its own, "
             "by which results refer to it"
         )
+    ends = [one.spectrum.frequency[[0, -1]] for one in measured]
+    band = float(min(low for low, _ in ends)), float(max(high for _, high in ends))
     if both := fixtures & set(names):
         raise InputError(f"{pieces[0].path}: {both.pop()!r} names a specimen and a fixture; give one another name")
     return tuple(
         _subject(
             one,
+            band,
             one.piece.name if len(pieces) > 1 else "",
             one.conditions.fixture if len(fixtures) > 1 else "",
             effects,
@@ -128,10 +131,12 @@ def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = Non
     )
 
 
-def _subject(measured: Measured, name: str, fixture: str, effects: tuple[Maker, ...] | None) -> Subject:
+def _subject(
+    measured: Measured, band: tuple[float, float], name: str, fixture: str, effects: tuple[Maker, ...] | None
+) -> Subject:
+    """band : lowest and highest frequency of all sweeps, Hz"""
     frequency = measured.spectrum.frequency
     typical = float(np.median(np.abs(measured.spectrum.impedance)))
-    band = (float(frequency[0]), float(frequency[-1]))
     pole = measured.pair.pole.frequency_Hz
     context = effect_context(measured.problem, pole, typical, band, frequency, measured.conditions)
     noise = np.hypot(_relative_noise(measured), LEAST_ERROR)

@@ -213,6 +213,23 @@ def test_fundamental_in_one_sweep_and_overtone_in_another(bench):
     assert result.figures[1] == ()
 
 
+def test_the_instrument_errs_by_its_accuracy_in_every_sweep(bench):
+    """Sweeps three decades apart: the error of |Z| has the stated deviation within 2 % at both, whichever is first."""
+    bands = {"low": np.linspace(100, 1000, 41), "resonance": np.linspace(100e3, 140e3, 201)}
+    for order in (list(bands), list(bands)[::-1]):
+        bench.lines = []
+        for name in order:
+            bench.add(name, sweep(frequency=bands[name], seed=1))
+        several = subjects(measure_each([read_specimen(bench.write())]))
+        unknowns = unknowns_of(several)
+        for one in several:
+            effect = next(effect for effect in one.share.of(unknowns)[0].effects if effect.name == "instrument")
+            omega = one.measured.spectrum.omega
+            slopes = effect.circuit(omega, np.ones(omega.size, complex), np.zeros(len(effect.parameters)))[2]
+            accuracy = one.context.tolerances["accuracy"]
+            np.testing.assert_allclose(np.linalg.norm(slopes.real, axis=1), accuracy, rtol=0.02)
+
+
 #: Temperature coefficients of each constant: relative, and of its tangent, 1/K.
 COEFFICIENTS = {"s11": (4e-4, 2e-5), "d31": (1.5e-3, 3e-5), "eps33T": (3e-3, 4e-5)}
 
