@@ -79,5 +79,7 @@ def _chart(axes: Axes, distribution: Distribution, lot: Lot, factor: float, insi
         axes.plot(*place["xy"], **style)
         if rank < _LABELLED:
             align = {"va": "center"} if shown[item.number] else {"va": "top" if above else "bottom"}
-            axes.annotate(as_it_stands(name), **place, xytext=(7, 0), textcoords="offset points", fontsize=7, **align)
+            is_right = 2 * item.number <= distribution.number.max()  # in the first half, the name is right of the point
+            align |= {"ha": "left" if is_right else "right", "xytext": (7 if is_right else -7, 0)}
+            axes.annotate(as_it_stands(name), **place, textcoords="offset points", fontsize=7, **align)
     axes.margins(x=0.02)

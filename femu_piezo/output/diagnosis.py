@@ -206,8 +206,11 @@ def diagnosis_figure(result: Diagnosis) -> Figure:
     magnitude.semilogy(x, np.abs(result.curves[0]), label="base model, updated", **BASELINE)
     named = " and ".join(one.effect.title.replace("_", " ") for one in result.verdict.extension)
     if named:
-        magnitude.semilogy(x, np.abs(result.curves[1]), label=f"with {named}", **UPDATED)
-    panels = ((before, result.curves[0], "base model"), (after, result.curves[1], named and f"with {named}"))
+        magnitude.semilogy(x, np.abs(result.curves[1]), label="extended model", **UPDATED)
+    panels = (
+        (before, result.curves[0], "base model"),
+        (after, result.curves[1], named and f"extended model, with {named}"),
+    )
     for axes, curve, words in panels:
         error = np.log(curve / spectrum.impedance) / sigma
         axes.axhspan(-2, 2, color="#dfe8df", zorder=0)

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import io
+import itertools
 import re
+import textwrap
+from collections.abc import Iterator
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import LogFormatterSciNotation, NullLocator
 
 #: Decades of a logarithmic axis from which it has no minor ticks: laying them out takes longer than all else.
 _DECADES = 2.0
+#: Width of a title as a share of the columns of plots that it stands over.
+_ROOM = 0.85
 _RAISED = str.maketrans("-−0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -32,7 +38,11 @@ class Picture(Figure):
     """A `matplotlib.figure.Figure` that belongs to no window."""
 
     def savefig(self, fname, **kwargs) -> None:
-        """As `matplotlib.figure.Figure.savefig`, without minor ticks on long logarithmic axes; PNG is drawn once."""
+        """As `matplotlib.figure.Figure.savefig`, without minor ticks on long logarithmic axes; PNG is drawn once.
+
+        Titles wider than their room are broken into lines.
+        """
+        self._fit_titles()
         for axes in self.axes:
             for axis in (axes.xaxis, axes.yaxis):
                 if axis.get_scale() != "log":
@@ -50,6 +60,33 @@ class Picture(Figure):
             self._write_png(fname, kwargs.get("dpi"))
         else:
             super().savefig(fname, **kwargs)
+
+    def _fit_titles(self) -> None:
+        """Break titles wider than their room at spaces; one with a word wider than that gets smaller letters."""
+        renderer = FigureCanvasAgg(self).get_renderer()
+
+        def width(text: Text) -> float:
+            return text.get_window_extent(renderer).width / self.bbox.width
+
+        for text, room in self._titles():
+            if width(text) > room:
+                lines = text.get_text().split("\n")
+                most = int(max(map(len, lines)) * room / width(text))
+                broken = (textwrap.wrap(line, most, break_long_words=False, break_on_hyphens=False) for line in lines)
+                text.set_text("\n".join(itertools.chain.from_iterable(broken)))
+                text.set_fontsize(text.get_fontsize() * min(1.0, room / width(text)))
+
+    def _titles(self) -> Iterator[tuple[Text, float]]:
+        """Every title, and the room that it has as a share of the width of the picture."""
+        yield from ((text, _ROOM) for text in self.texts if text.get_text() == self.get_suptitle())
+        for axes in self.axes:
+            place, words = axes.get_subplotspec(), {axes.get_title(side) for side in ("left", "center", "right")}
+            if place is not None:
+                share = len(place.colspan) / place.get_gridspec().ncols
+                titles = (
+                    one for one in axes.get_children() if isinstance(one, Text) and one.get_text() in words - {""}
+                )
+                yield from ((text, _ROOM * share) for text in titles)
 
     def _write_png(self, fname, dpi: float | None) -> None:
         """Find the layout and draw in one pass; `Figure.savefig` draws once more to find the layout."""
