@@ -1,16 +1,12 @@
-"""Results on disk: one file per job, complete at any time; one run at a time in a folder."""
+"""Results on disk: one file per job, complete at any time."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from femu_piezo.batch.worker import FINAL
-from femu_piezo.errors import InputError
 from femu_piezo.files import SCHEMA, json_text, write_atomically
 
 _KEYS = {"name", "checksum", "status", "reason", "columns", "results"}
@@ -60,22 +56,3 @@ def _path(folder: Path, name: str) -> Path:
     if len(name.encode()) > 200:
         name = hashlib.sha256(name.encode()).hexdigest()
     return folder / f"{name}.json"
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the folder for one run; InputError where another run holds it. A killed run holds nothing."""
-    try:
-        import fcntl
-    except ImportError:  # Windows: nothing prevents two runs at once
-        yield
-        return
-    with open(folder / ".lock", "a") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(
-                f"{folder}: another batch writes to this folder; wait for its end, or choose another --out"
-            ) from None
-        yield
-        os.ftruncate(stream.fileno(), 0)

@@ -11,9 +11,9 @@ from typing import Literal
 
 from femu_piezo.batch.jobs import Job, program_checksum
 from femu_piezo.batch.pool import Pool, run_all
-from femu_piezo.batch.records import Records, locked, write_record
+from femu_piezo.batch.records import Records, write_record
 from femu_piezo.batch.worker import record, run_job
-from femu_piezo.output.folder import prepare_folder
+from femu_piezo.output.folder import locked, prepare_folder
 
 #: Which specimens are diagnosed after the update: every one that has a result, or those that are outliers of the lot.
 Diagnosed = Literal["all", "outliers"]

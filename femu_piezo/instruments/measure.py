@@ -17,7 +17,7 @@ from femu_piezo.instruments.analyser import Analyser, Settings
 from femu_piezo.instruments.connect import connect
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+from femu_piezo.output.folder import locked, prepare_folder, write_figure, write_json
 from femu_piezo.output.measuring import measuring_figure
 from femu_piezo.output.results.diagnosed import Diagnosed
 from femu_piezo.output.results.updated import Updated
@@ -66,7 +66,8 @@ def measure(
 
     The folder gets piece.toml (what is measured), points.csv (every point as it comes), live.png (rewritten after every
     round), sweep.csv, measured.toml (the specimen with this sweep), measure.json, and what `update` writes. Points that
-    it holds already count: a measurement that was broken off goes on. Those of another piece are refused.
+    it holds already count: a measurement that was broken off goes on. Those of another piece are refused, and so is a
+    folder into which another measurement writes.
 
     Parameters
     ----------
@@ -82,9 +83,7 @@ def measure(
     """
     alone = specimen.model_copy(update={"sweep": None})
     points = PointFile(prepare_folder(out) / "points.csv", settings, alone)
-    begun, bases, states = points.read(), SharedBases(), []
-    if begun is not None:
-        tell(f"{len(begun)} points are in {points.path} already; the measurement continues with them")
+    bases, states = SharedBases(), []
 
     def shown(state: State) -> None:
         states.append(state)
@@ -94,7 +93,10 @@ def measure(
             tell(f"{error}; measuring goes on without the picture")
         tell(state_words(state))
 
-    with interruptible():
+    with interruptible(), locked(out):
+        begun = points.read()
+        if begun is not None:
+            tell(f"{len(begun)} points are in {points.path} already; the measurement continues with them")
         with connect(address, specimen.limits, settings) as analyser:
             tell(f"{analyser.identity}; fixture compensation: {analyser.compensation}")
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +38,29 @@ def remove_empty_folders() -> None:
         folder = _made.pop()
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold the folder for one run; InputError where another run holds it. A killed run holds nothing."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: nothing prevents two runs at once
+        yield
+        return
+    path = folder / ".lock"
+    with open(path, "a") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            held = os.path.samestat(os.fstat(stream.fileno()), path.stat())  # not removed by a run that just ended
+        except OSError:
+            held = False
+        if not held:
+            raise InputError(f"{folder}: another run writes to this folder; wait for its end, or choose another --out")
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
 
 
 def write_json(path: Path, record: dict) -> None:

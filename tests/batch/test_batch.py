@@ -264,7 +264,7 @@ def test_wrong_use_is_one_sentence(lot, tmp_path, arguments, words, monkeypatch)
 
 def test_two_runs_cannot_share_a_folder(lot, tmp_path):
     def second_run():
-        with pytest.raises(InputError, match="another batch"):
+        with pytest.raises(InputError, match="another run"):
             run_lot(jobs, tmp_path, no_pool)
         return InlinePool()
 

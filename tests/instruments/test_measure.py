@@ -134,6 +134,16 @@ def test_interrupted_and_killed_runs_go_on(bench, specimen, tmp_path):
     assert bench.is_off() and bench.largest_voltage() <= 0.6
 
 
+def test_a_folder_belongs_to_one_measurement_at_a_time(bench, specimen, tmp_path):
+    out = tmp_path / "out"
+    process = started(specimen, bench.address, out, 32)
+    second = run(specimen, "TCPIP::127.0.0.1::1::SOCKET", out)  # refused before anything is sent to the instrument
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=30)
+    assert second.exit_code == 2 and second.stderr.strip().count("\n") == 0
+    assert f"{out}: another run writes to this folder" in second.stderr and not (out / ".lock").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
