@@ -597,7 +597,11 @@ def modes(
 @_out
 @click.option("--instrument", metavar="ADDRESS", help="VISA address, such as TCPIP::10.0.0.7::5025::SOCKET")
 @click.option(
-    "--points", type=click.IntRange(32, 100_000), default=200, show_default=True, help="largest number of points"
+    "--points",
+    type=click.IntRange(32, 100_000),
+    default=200,
+    show_default=True,
+    help="largest number of points, with those that --out holds already",
 )
 @click.option(
     "--deviation",
@@ -688,7 +692,7 @@ def measure(
     analysers: Keysight E4990A, HP/Agilent 4294A. The program never sets more than the voltage, bias and frequency of
     the table [limits] of SPEC (by default 0.5 V, no bias), and the output is off at the end, after an error and
     after Ctrl-C. Points are written to points.csv as the analyser sends them; after an interruption the same command
-    continues from there.
+    continues from there, and with larger --points a finished measurement goes on.
 
     Writes piece.toml (what is measured), live.png after every round, sweep.csv, measure.json, measured.toml (SPEC with
     this sweep) and the files of `update`; with --diagnose or --separate the folder diagnosis, with --diagnose also

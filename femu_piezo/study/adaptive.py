@@ -54,7 +54,7 @@ class Wish:
 
     Attributes
     ----------
-    points : most points, at least 32
+    points : most points, at least 32; those of a measurement that goes on count
     deviations : "s11", "tan_s11", … → standard deviation that is enough, relative of a constant, absolute of a tangent
     seconds : after which no further round begins; None for no limit
     band_Hz : lowest and highest frequency; that of [simulation] where None
@@ -267,7 +267,8 @@ class _Planner:
         first = watching(self._band, self._wish.points)
         if begun is not None:
             near = np.min(np.abs(first[:, None] - begun.frequency), axis=1)
-            first = first[near > 1e-3 * self._gap]
+            farthest = np.argsort(-near, kind="stable")[: max(0, self._wish.points - len(begun))]
+            first = first[np.sort(farthest[near[farthest] > 0.501 * self._gap])]
         self._readings = first.size + (0 if begun is None else len(begun))
         yield first
         while (wanted := self.next()).size:

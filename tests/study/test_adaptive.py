@@ -83,6 +83,14 @@ def test_an_interrupted_measurement_is_resumed(drawn, specimen, bases):
     assert np.all(np.isin(begun.frequency, found.spectrum.frequency))
 
 
+@pytest.mark.parametrize(("before", "points", "asked"), [(70, 100, 30), (98, 100, 2), (100, 64, 0), (32, 64, 32)])
+def test_points_of_a_measurement_with_another_number_of_points_count(drawn, specimen, bases, before, points, asked):
+    begun, bench = Bench(drawn)(np.linspace(*BAND, before)), Bench(drawn)
+    found = adapt(specimen, bench, Wish(points=points, band_Hz=BAND), begun, bases=bases)
+    assert sum(one.size for one in bench.asked) == asked and found.ended == "points"
+    assert len(found.spectrum) == before + asked
+
+
 @pytest.mark.slow
 def test_the_next_frequencies_without_an_instrument_are_those_of_the_loop(drawn, specimen):
     """`next_frequencies` after the first points gives the second request of the loop."""
