@@ -22,7 +22,7 @@ from femu_piezo.files import read_bytes
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.memory import memory_limit
 from femu_piezo.geometry.quality import boundary_area, check_electrodes, check_elements
-from femu_piezo.geometry.shape import unit_direction
+from femu_piezo.geometry.shape import MOST_UNKNOWNS, UNKNOWNS, fits, unit_direction
 from femu_piezo.geometry.upper_face import UpperFace, facets_at
 from femu_piezo.threads import made_once
 
@@ -88,7 +88,7 @@ class MeshFile:
     @property
     def volume(self) -> float:
         """Volume of the whole body, m³."""
-        return self.domain_for().volume
+        return self.domain_for(order=1).volume
 
     @property
     def electrode_area(self) -> float:
@@ -147,6 +147,8 @@ class MeshFile:
                     f'{self.file}: "mirror_{"xyz"[axis]}" cannot be a mirror plane, because the poling has a '
                     "component along its normal; mesh the whole body there"
                 )
+        cell = "hexahedron" if self.mesh.elem.refdom.nnodes == 8 else "tetra"
+        _check_size(cell, self.mesh.nelements, order or 2, self.file)
         return Domain(
             mesh=self.mesh,
             hot=("hot",),
@@ -188,6 +190,7 @@ def _read(path: Path) -> skfem.Mesh:
         )
     if not solid:
         raise InputError(f"{path}: there are no volume elements; mesh in three dimensions and name a physical volume")
+    _check_size(solid[0], sum(len(cell.data) for cell in raw.cells if cell.type == solid[0]), 1, path)
     if not np.all(np.isfinite(raw.points)):
         raise InputError(f"{path}: a coordinate of a point is not a finite number; save the mesh again")
     corners = [cell.data for cell in raw.cells if cell.data.size]
@@ -201,6 +204,16 @@ def _read(path: Path) -> skfem.Mesh:
             f"{path}: the elements of kind {solid[0]} are damaged ({error}); save the mesh again"
         ) from None
     return replace(mesh, _boundaries=_named_facets(raw, mesh, path) or None)
+
+
+def _check_size(cell: str, count: int, order: int, path: Path) -> None:
+    """InputError where `count` elements of an order on cells of a kind of meshio are too many to be solved."""
+    each = UNKNOWNS["hexahedron" if cell.startswith("hexa") else "tetrahedron"] * (order / 2) ** 3
+    if not fits(each * count):
+        raise InputError(
+            f"{path}: with elements of order {order} the mesh has about {each * count:.2g} unknowns, too many to be "
+            f"solved; mesh with larger elements, at most {int(MOST_UNKNOWNS / each)}"
+        )
 
 
 def _named_facets(raw: meshio.Mesh, mesh: skfem.Mesh, path: Path) -> dict[str, np.ndarray]:

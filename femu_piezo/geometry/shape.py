@@ -13,6 +13,8 @@ from femu_piezo.geometry.domain import Domain
 
 #: Unknowns of the largest model that is attempted, and entries of its operator.
 MOST_UNKNOWNS, MOST_ENTRIES = 250_000, 100_000_000
+#: Unknowns that a quadratic element adds to a large mesh.
+UNKNOWNS = {"hexahedron": 32, "tetrahedron": 6}
 #: Errors of eigenvalues from edges and corners fall with the order p as p^-EDGE_RATE.
 EDGE_RATE = 9.6
 #: Cosine of the angle between poling and field below which they count as perpendicular, and distance from 1 below which
@@ -104,8 +106,8 @@ def check_size(volumes: float, kind: str) -> None:
 
     volumes : volume of the part over the cube of an element's edge;  kind : "hexahedron" or "tetrahedron"
     """
-    # each cube is one hexahedron of 32 unknowns, or about eight tetrahedra of 6 unknowns each
-    check_unknowns(volumes * (32 if kind == "hexahedron" else 48))
+    # each cube is one hexahedron, or about eight tetrahedra
+    check_unknowns(volumes * UNKNOWNS[kind] * (1 if kind == "hexahedron" else 8))
 
 
 def fits(unknowns: float, entries: float = 0.0) -> bool:

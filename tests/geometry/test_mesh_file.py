@@ -6,6 +6,7 @@ import meshio
 import numpy as np
 import pytest
 import skfem
+import skfem.io.meshio
 
 from femu_piezo.errors import InputError
 from femu_piezo.forward.eigen import solve_eigen
@@ -67,6 +68,30 @@ def test_named_mirror_planes_make_the_whole(tmp_path: Path) -> None:
     nearest = int(np.argmin(np.abs(hertz - expected)))
     assert hertz[nearest] == pytest.approx(expected, rel=1e-3)
     assert modes.participation[nearest] > 0.5
+
+
+def cube_of(kind: type, cells: int, path: Path) -> MeshFile:
+    """A .msh of a cube of 1 mm with so many hexahedra, or six times as many tetrahedra, along each edge."""
+    mesh = kind.init_tensor(*3 * [np.linspace(0.0, 1e-3, cells + 1)])
+    faces = [mesh.facets[:, mesh.facets_satisfying(lambda x, z=z: np.isclose(x[2], z))].T for z in (0.0, 1e-3)]
+    body, flat = skfem.io.meshio.to_meshio(mesh).cells[0], "quad" if kind is skfem.MeshHex else "triangle"
+    tags = [np.full(len(some), tag) for tag, some in enumerate((body.data, *faces))]
+    names = {"hot": np.array([1, 2]), "ground": np.array([2, 2])}
+    blocks = [(body.type, body.data), *((flat, face) for face in faces)]
+    data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
+    meshio.write(path, meshio.Mesh(mesh.p.T, blocks, cell_data=data, field_data=names), file_format="gmsh22")
+    return MeshFile(path)
+
+
+@pytest.mark.parametrize(("kind", "most"), [(skfem.MeshHex, 62500), (skfem.MeshTet, 333333)])
+def test_a_mesh_too_large_to_be_solved_is_refused(kind: type, most: int, tmp_path: Path) -> None:
+    """As soon as it is read where linear elements are too many already, else for the elements that are asked for."""
+    shape = cube_of(kind, 21, tmp_path / "fine.msh")
+    assert shape.domain_for(order=1).order == 1 and shape.volume == pytest.approx(1e-9)
+    with pytest.raises(InputError, match=rf"order 2 the mesh has about 3\.?\d?e\+05 unknowns.*at most {most // 8}$"):
+        shape.domain_for()
+    with pytest.raises(InputError, match=rf"order 1 the mesh has about .* unknowns.*at most {most}$"):
+        _ = cube_of(kind, 40, tmp_path / "finest.msh").mesh
 
 
 @pytest.mark.parametrize(
