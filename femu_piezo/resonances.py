@@ -7,7 +7,7 @@ al. (2022), eq 14.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 Kind = Literal["pole", "zero"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Resonance:
     """One pole or zero of an impedance function.
 
@@ -32,6 +32,9 @@ class Resonance:
     eigenvalue: complex
     covariance: np.ndarray | None = None
     residue: complex | None = None
+
+    def __repr__(self) -> str:
+        return f"Resonance({self.kind!r}, {self.frequency_Hz:.8g} Hz, loss {self.loss:.5g})"
 
     @property
     def frequency_Hz(self) -> float:
@@ -90,7 +93,7 @@ class ResonanceSet:
 
     poles: tuple[Resonance, ...]
     zeros: tuple[Resonance, ...]
-    covariance: np.ndarray | None = None
+    covariance: np.ndarray | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
 
 

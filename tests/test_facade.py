@@ -372,6 +372,20 @@ def test_every_result_is_short_drawn_and_tabulated(specimen, sweep, updated, dia
         assert len(result.to_dataframe()) == len(result.rows()) > 0
 
 
+def test_the_parts_of_a_result_are_short(specimen, sweep, updated, diagnosed):
+    """In a session, an array is shown where it is asked for, not with everything that holds it."""
+    found = fp.extract(sweep)
+    parts = (*updated.outcomes, *diagnosed.sweeps, diagnosed.comparison, updated.known, *found.pairs, *found.orders)
+    for part in (
+        updated.fit,
+        diagnosed.comparison.averaged,
+        *fp.identify(specimen, recommend=False).sensitivities,
+        *parts,
+    ):
+        assert len(repr(part)) < 10_000 and repr(part).count("array(") < 4
+    assert re.fullmatch(r"Resonance\('pole', [\d.]+ Hz, loss 0\.\d+\)", repr(found.resonances.poles[0]))
+
+
 def test_an_extraction_is_printed_and_drawn_to_the_digits_of_its_deviations(sweep, tmp_path):
     fp.write_spectrum(sweep, tmp_path / "plate.csv")
     found = fp.extract(tmp_path / "plate.csv")

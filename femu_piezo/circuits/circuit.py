@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -67,9 +67,9 @@ class Circuit:
     name: str
     branches: tuple[Branch, ...]
     static: tuple[Static, ...]
-    frequency: np.ndarray
-    curve: np.ndarray
-    sweep: np.ndarray | None = None
+    frequency: np.ndarray = field(repr=False)
+    curve: np.ndarray = field(repr=False)
+    sweep: np.ndarray | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
 
     def admittance(self, omega: np.ndarray) -> np.ndarray:

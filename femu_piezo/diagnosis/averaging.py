@@ -12,7 +12,7 @@ those of the distribution itself (Guide to the Expression of Uncertainty in Meas
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,9 +49,9 @@ class Averaged:
 
     causes: tuple[tuple[str, ...], ...]
     discrepant: tuple[bool, ...]
-    weights: np.ndarray
-    mean: np.ndarray
-    std: np.ndarray
+    weights: np.ndarray = field(repr=False)
+    mean: np.ndarray = field(repr=False)
+    std: np.ndarray = field(repr=False)
 
     def below(self, values: np.ndarray) -> np.ndarray:
         """(2n,) posterior probability that each value, or tangent, is less than that in `values` (2n,)."""

@@ -24,7 +24,7 @@ class Trial:
     """
 
     effect: Effect
-    fit: Fit | None
+    fit: Fit | None = field(repr=False)
     log_odds: float
 
     @property
@@ -54,8 +54,8 @@ class NamedCause:
 
     effect: Effect
     probability: float
-    fits: tuple[Trial, ...]
-    fit_without: Fit
+    fits: tuple[Trial, ...] = field(repr=False)
+    fit_without: Fit = field(repr=False)
     log_odds: float
 
 
@@ -79,8 +79,8 @@ class Comparison:
     """
 
     base: Fit
-    singles: tuple[Trial, ...]
-    starts: tuple[Start, ...]
+    singles: tuple[Trial, ...] = field(repr=False)
+    starts: tuple[Start, ...] = field(repr=False)
     final: Fit
     described: Fit
     causes: tuple[NamedCause, ...]

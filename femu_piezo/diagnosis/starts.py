@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 from operator import attrgetter
 
@@ -43,7 +43,7 @@ class Start:
 
     x: np.ndarray
     linear: Fit
-    residual: np.ndarray
+    residual: np.ndarray = field(repr=False)
 
     @property
     def promised_chi_square(self) -> float:

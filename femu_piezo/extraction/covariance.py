@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class Spread:
     circular : whether F is of the first kind
     """
 
-    factor: np.ndarray
+    factor: np.ndarray = field(repr=False)
     circular: bool
 
     def size(self, gradient: np.ndarray) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -46,19 +46,19 @@ class Extraction:
     """
 
     spectrum: ImpedanceSpectrum
-    used: np.ndarray
+    used: np.ndarray = field(repr=False)
     resonances: ResonanceSet
     pairs: tuple[Pair, ...]
     outside: tuple[Resonance, ...]
-    impedance: np.ndarray
-    residual: np.ndarray
+    impedance: np.ndarray = field(repr=False)
+    residual: np.ndarray = field(repr=False)
     noise: NoiseUsed | None
     reduced_chi_square: float
-    model: RationalModel | None
-    orders: tuple[Candidate, ...]
+    model: RationalModel | None = field(repr=False)
+    orders: tuple[Candidate, ...] = field(repr=False)
     findings: tuple[Finding, ...]
     method: Method = "maximum_likelihood"
-    spread: Spread | None = None
+    spread: Spread | None = field(default=None, repr=False)
     doubtful: tuple[Resonance, ...] = ()
 
     @made_once

@@ -7,7 +7,7 @@ the standard deviation a constant would have if all others were known.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,10 +33,10 @@ class Identifiability:
 
     names: tuple[str, ...]
     singular_values: np.ndarray
-    combinations: np.ndarray
+    combinations: np.ndarray = field(repr=False)
     std: np.ndarray
     std_alone: np.ndarray
-    correlation: np.ndarray
+    correlation: np.ndarray = field(repr=False)
 
     def verdict(self, name: str) -> str:
         """ "well", "weakly" or "not" determined by the data, for one unknown."""

@@ -15,7 +15,7 @@ moves, whereas a fit does.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class Samples:
     """
 
     names: tuple[str, ...]
-    values: np.ndarray
+    values: np.ndarray = field(repr=False)
 
     def of(self, name: str) -> np.ndarray:
         """(k,) samples of one unknown."""

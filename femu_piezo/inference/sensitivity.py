@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,9 +22,9 @@ class Sensitivity:
     """
 
     title: str
-    frequency: np.ndarray
-    impedance: np.ndarray
-    values: np.ndarray
+    frequency: np.ndarray = field(repr=False)
+    impedance: np.ndarray = field(repr=False)
+    values: np.ndarray = field(repr=False)
 
     def strongest(self) -> list[str]:
         """Names of the constants by their rms sensitivity, strongest first."""

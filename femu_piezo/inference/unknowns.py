@@ -78,9 +78,9 @@ class FreeConstants:
     """
 
     names: tuple[str, ...]
-    fixed: np.ndarray
-    directions: np.ndarray
-    start: np.ndarray
+    fixed: np.ndarray = field(repr=False)
+    directions: np.ndarray = field(repr=False)
+    start: np.ndarray = field(repr=False)
 
     @classmethod
     def of(
@@ -181,7 +181,7 @@ class MaterialParameters:
     """
 
     free: FreeConstants
-    scale: np.ndarray
+    scale: np.ndarray = field(repr=False)
 
     @classmethod
     def around(cls, free: FreeConstants, theta: np.ndarray) -> MaterialParameters:

@@ -32,13 +32,13 @@ class SweepData:
     noise_memory : autoregression of the noise of each sweep; white noise where empty
     """
 
-    frequency: np.ndarray
-    impedance: np.ndarray
-    relative_noise: np.ndarray
+    frequency: np.ndarray = field(repr=False)
+    impedance: np.ndarray = field(repr=False)
+    relative_noise: np.ndarray = field(repr=False)
     noise_known: bool
     sizes: tuple[int, ...] = ()
-    model_share: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    mesh_error: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    model_share: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+    mesh_error: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
     noise_memory: tuple[Autoregression, ...] = ()
 
     @made_once

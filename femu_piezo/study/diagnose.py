@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -64,9 +64,9 @@ class DiagnosedSweep:
     specimen: Specimen
     name: str
     spectrum: ImpedanceSpectrum
-    fitted: np.ndarray
-    relative_noise: np.ndarray
-    curves: tuple[np.ndarray, np.ndarray]
+    fitted: np.ndarray = field(repr=False)
+    relative_noise: np.ndarray = field(repr=False)
+    curves: tuple[np.ndarray, np.ndarray] = field(repr=False)
     reference_Hz: float
     mesh: str
     measured: Measured

@@ -49,7 +49,7 @@ class Measured:
     permittivity : complex ε33T from the low end of the sweep, None where it has none
     """
 
-    problem: Problem
+    problem: Problem = field(repr=False)
     spectrum: ImpedanceSpectrum
     fitted: ImpedanceSpectrum
     extraction: Extraction

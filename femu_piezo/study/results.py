@@ -63,9 +63,9 @@ class Outcome:
 
     measured: Measured
     matched: tuple[tuple[Resonance, Resonance], ...]
-    base_curve: np.ndarray
-    updated_curve: np.ndarray
-    history: tuple[Step, ...]
+    base_curve: np.ndarray = field(repr=False)
+    updated_curve: np.ndarray = field(repr=False)
+    history: tuple[Step, ...] = field(repr=False)
     to_sensitivity: Callable[[], Sensitivity] = field(repr=False)
     unknowns: int
     mesh: str
