@@ -21,6 +21,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.measurement.readers import accept_spectrum, read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen, read_specimens, with_measurement
+from femu_piezo.units import real_number, whole_number
 
 if TYPE_CHECKING:
     from femu_piezo.diagnosis.rules import Rules
@@ -154,13 +155,14 @@ def export(
     else:
         constants, known, name = result.constants, result.outcomes[0].measured.problem.density, result.name
         found = tuple(result.parameters)
-    text = export_text(constants, known if density is None else density, name, to, poling, found)
+    density = known if density is None else real_number(density, "density")
+    text = export_text(constants, density, name, to, poling, found)
     if folder is not None:
         from femu_piezo.files import write_atomically
         from femu_piezo.material.programs.writers import program
         from femu_piezo.output.folder import prepare_folder
 
-        write_atomically(prepare_folder(Path(folder)) / f"material.{program(to).suffix}", text)
+        write_atomically(prepare_folder(folder) / f"material.{program(to).suffix}", text)
     return text
 
 
@@ -222,6 +224,7 @@ def update(
     from femu_piezo.output.results.updated import Updated
     from femu_piezo.study import update as study
 
+    samples = whole_number(samples, "samples")
     wanted, sweeps = _measured(specimens, spectra, correct_phase, mask_faults)
     return Updated.of_study(study.update(wanted, progress, bases, spectra=sweeps, effects=effects, samples=samples))
 
@@ -279,6 +282,8 @@ def identify(
     from femu_piezo.output.results.identified import Identified
     from femu_piezo.study import identify as planned
 
+    noise = None if noise is None else real_number(noise, "noise")
+    study, plan = whole_number(study, "study"), whole_number(plan, "plan")
     wanted = _many(specimens)
     return Identified.of_study(planned.identify(wanted, noise, progress, recommend=recommend, study=study, plan=plan))
 
@@ -301,6 +306,7 @@ def modes(
     from femu_piezo.output.results.modes import Modes
     from femu_piezo.study import modes as study
 
+    count = None if count is None else whole_number(count, "count")
     return Modes.of_study(study.modes(_one(specimen), band=band, count=count, effects=effects))
 
 

@@ -17,6 +17,13 @@ SCHEMA = 1
 """Version of the JSON files that the commands write: grows when a key goes, or changes its meaning or unit."""
 
 
+def path_of(path: object) -> Path:
+    """A path given in Python; InputError where it is none."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f"a file or a folder is given by its path, not by a {type(path).__name__}")
+    return Path(path)
+
+
 def read_bytes(path: Path, largest: int) -> bytes:
     """The content of a regular file of at most `largest` bytes.
 
@@ -56,7 +63,7 @@ def write_atomically(path: Path | str, text: str | bytes) -> None:
 
     Raises InputError where the folder does not exist or cannot be written to.
     """
-    path = Path(path)
+    path = path_of(path)
     if not path.name:
         raise InputError(f"{path}: this is a directory; give the path of a file")
     temporary = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")

@@ -11,7 +11,7 @@ import math
 import re
 from decimal import Decimal
 from functools import cache, lru_cache
-from numbers import Real
+from numbers import Integral, Real
 from typing import TYPE_CHECKING
 
 from femu_piezo.errors import InputError
@@ -238,6 +238,20 @@ def two_hertz(band: object, where: str) -> tuple[float, float]:
     except (TypeError, ValueError):
         raise InputError(f"{where}: {shown(band)} is no band; give bands as (low, high) in Hz") from None
     return low, high
+
+
+def real_number(value: object, name: str) -> float:
+    """A number given in Python; InputError where it is none."""
+    if not isinstance(value, Real):
+        raise InputError(f"{name} = {shown(value)} is not a number; give one without a unit")
+    return float(value)
+
+
+def whole_number(value: object, name: str) -> int:
+    """A count given in Python; InputError where it is no integer."""
+    if not isinstance(value, Integral):
+        raise InputError(f"{name} = {shown(value)} is not a whole number; give one such as 50")
+    return int(value)
 
 
 def shown(value: object) -> str:

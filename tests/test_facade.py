@@ -304,7 +304,9 @@ def test_bands_are_left_out_of_a_file_and_of_a_sweep_in_memory(specimen, sweep, 
             fp.update(path)
 
 
-def test_arguments_of_wrong_types_are_refused(specimen, sweep, tmp_path):
+def test_arguments_of_wrong_types_are_refused(specimen, sweep, updated, tmp_path):
+    found, saved = updated, tmp_path / "sweep.csv"
+    fp.write_spectrum(sweep, saved)
     for wrong, words in (
         (lambda: fp.update(specimen), "measurement.file is missing"),
         (lambda: fp.update(specimen, sweep.impedance), "from_impedance"),
@@ -312,6 +314,21 @@ def test_arguments_of_wrong_types_are_refused(specimen, sweep, tmp_path):
         (lambda: fp.update(7, sweep), "a specimen is a Specimen or the path of its file, not a int"),
         (lambda: fp.simulate([specimen, specimen]), "2 specimens are given where one is needed"),
         (lambda: fp.identify(specimen, 2.0), "noise 2 is not"),
+        (lambda: fp.identify(specimen, "0.1 %"), 'noise = "0.1 %" is not a number; give one without a unit'),
+        (lambda: fp.identify(specimen, plan=50.0), r"plan = 50\.0 is not a whole number"),
+        (lambda: fp.identify(specimen, study="20"), 'study = "20" is not a whole number'),
+        (lambda: fp.update(specimen, sweep, samples=50.0), r"samples = 50\.0 is not a whole number"),
+        (lambda: fp.update(specimen, sweep, effects=3), "effects: 3 is no list of effects"),
+        (lambda: fp.diagnose(specimen, sweep, rules={}), "rules are a femu_piezo.diagnosis.rules.Rules, not a dict"),
+        (lambda: fp.modes(specimen, count=2.0), r"count = 2\.0 is not a whole number"),
+        (lambda: fp.extract(sweep, mask=3), "mask = 3 is no list of bands"),
+        (lambda: fp.read_spectrum(saved, columns="f, R, X"), 'columns = "f, R, X" is no list of names'),
+        (lambda: fp.read_spectrum(saved, columns=[1, 2, 3]), r"columns = \[1, 2, 3\] is no list of names"),
+        (lambda: fp.export(found, "json", density="7500 kg/m^3"), "density = .* is not a number"),
+        (lambda: fp.export(found, "json", poling="z"), "a poling direction needs three numbers"),
+        (lambda: found.save(None), "a folder is given by its path, not by a NoneType"),
+        (lambda: fp.read_specimen(None), "by its path, not by a NoneType"),
+        (lambda: fp.write_spectrum(sweep, 3), "by its path, not by a int"),
         (lambda: fp.diagnose(specimen, sweep, effects=["leakage"]), "'leakage' is no effect"),
         (lambda: fp.update(tmp_path / "none.toml", sweep), "no such file"),
         (lambda: fp.circuit(specimen, mask_faults=True), "mask_faults is for a measured sweep"),

@@ -94,10 +94,13 @@ def is_poled_across_field(shape: Shape) -> bool:
 
 def unit_direction(direction: Iterable[float]) -> tuple[float, float, float]:
     """A direction scaled to length one; InputError where its length is zero or not finite."""
-    vector = np.array(tuple(direction), dtype=float)
+    try:
+        vector = np.array(tuple(direction), dtype=float)
+    except (TypeError, ValueError):
+        vector = np.zeros(0)
     length = np.linalg.norm(vector) if vector.shape == (3,) else 0.0
     if not (np.isfinite(length) and length > 0):
-        raise InputError(f"a poling direction needs three numbers that are not all zero, got {list(vector)}")
+        raise InputError(f"a poling direction needs three numbers that are not all zero, got {direction}")
     return tuple(float(value) for value in vector / length)
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.files import read_bytes, write_atomically
+from femu_piezo.files import path_of, read_bytes, write_atomically
 from femu_piezo.measurement.checks import FEWEST_POINTS, check_spectrum, order_points
 from femu_piezo.measurement.columns import Layout, angle_scale, choose_columns, parse_column, to_impedance
 from femu_piezo.measurement.compensation import Compensation
@@ -26,7 +26,7 @@ from femu_piezo.measurement.instruments import (
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.tables import Table, decode, read_table_with_words
 from femu_piezo.measurement.touchstone import Connection, is_touchstone, read_touchstone
-from femu_piezo.units import two_hertz
+from femu_piezo.units import shown, two_hertz
 
 #: Bands of frequency (low, high), Hz.
 Bands = Sequence[tuple[float, float]]
@@ -71,9 +71,7 @@ def read_spectrum(
     ------
     InputError : the file or its data cannot be used; the sentence says what to do
     """
-    if not isinstance(path, (Path, str)):
-        raise InputError(f"a file is given by its path, not by a {type(path).__name__}")
-    spectrum, hertz_stated = _read(Path(path), connection, columns)
+    spectrum, hertz_stated = _read(path_of(path), connection, columns)
     if compensation is not None:
         spectrum = compensation.applied(spectrum)
     return _checked(_with_noise(_without(spectrum, mask), noise), correct_phase, mask_faults, hertz_stated)
@@ -99,6 +97,9 @@ def _read(path: Path, connection: Connection | None, columns: Sequence[str] | No
             f'{source}: connection = "{connection}" is for Touchstone files (*.s2p), and this is none; leave it out'
         )
     lines = text.split("\n")
+    names = () if columns is None else columns
+    if isinstance(names, str) or not (isinstance(names, Iterable) and all(isinstance(name, str) for name in names)):
+        raise InputError(f"{source}: columns = {shown(columns)} is no list of names; give one for each column")
     if columns is not None and (is_4294a(lines) or is_keysight(lines)):
         raise InputError(f"{source}: this export of an analyser names its columns itself; leave columns out")
     notes: tuple[str, ...] = ()
@@ -142,6 +143,10 @@ def _without(spectrum: ImpedanceSpectrum, mask: Bands) -> ImpedanceSpectrum:
     """The spectrum without the points in the bands of `mask`, with a note on them."""
     if not mask:
         return spectrum
+    if not isinstance(mask, Iterable):
+        raise InputError(
+            f"{spectrum.source}: mask = {shown(mask)} is no list of bands; give bands as (low, high) in Hz"
+        )
     keep = np.ones(len(spectrum), dtype=bool)
     for one in mask:
         low, high = two_hertz(one, f"{spectrum.source}: mask")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from femu_piezo.errors import InputError
-from femu_piezo.files import json_text, write_atomically
+from femu_piezo.files import json_text, path_of, write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 _made: list[Path] = []
 
 
-def prepare_folder(out: Path) -> Path:
+def prepare_folder(folder: Path | str) -> Path:
     """Create the result folder, so that a wrong place is known before the work; InputError where it cannot be."""
+    out = path_of(folder)
     try:
         if not out.exists():
             out.mkdir(parents=True)

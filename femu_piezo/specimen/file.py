@@ -13,14 +13,14 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, ConfigDict, ValidationInfo, model_validator
 
 from femu_piezo.errors import InputError
-from femu_piezo.files import read_bytes, unset_variables, write_atomically
+from femu_piezo.files import path_of, read_bytes, unset_variables, write_atomically
 from femu_piezo.specimen.geometry import Geometry as Geometry
 from femu_piezo.specimen.geometry import Mass
 from femu_piezo.specimen.schema import LIST, PAIR, PATH, Table, described, key_in_file, quantity
@@ -509,7 +509,8 @@ def read_specimens(paths: Sequence[Path | str] | Path | str, data_file: Path | s
     those.
     """
     found = []
-    for path in [Path(paths)] if isinstance(paths, (str, Path)) else map(Path, paths):
+    several = isinstance(paths, Iterable) and not isinstance(paths, str)
+    for path in map(path_of, paths if several else [paths]):
         data = _parse_toml(path)
         members = data.get("specimens")
         if members is None:
@@ -533,7 +534,7 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
 
     Raises InputError where the file or any value in it cannot be used.
     """
-    path = Path(path)
+    path = path_of(path)
     return _specimen_of(_parse_toml(path), path, data_file)
 
 
@@ -547,7 +548,7 @@ def _specimen_of(data: dict[str, Any], path: Path, data_file: Path | str | None)
             raise InputError(f"{path}: both --data and [[sweep]] give sweeps; leave --data or the tables out")
         measurement = data.setdefault("measurement", {})
         if isinstance(measurement, dict):
-            measurement["file"] = str(Path(data_file).absolute())
+            measurement["file"] = str(path_of(data_file).absolute())
     _several_files(data, path)
     if isinstance(data.get("sweep"), dict):
         raise InputError(f"{path}: there may be several sweep tables; write [[sweep]] in place of [sweep]")

@@ -13,7 +13,7 @@ from femu_piezo.diagnosis.next_measurement import Separation
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.verdict import Verdict, judge
 from femu_piezo.effects.library import FREE, REFERENCE, TEMPERATURE, Maker
-from femu_piezo.errors import ConvergenceError
+from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.inference.budget import constants_of
@@ -240,6 +240,8 @@ def diagnose(
     """
     specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
     refuse_nothing_free(specimens)
+    if not isinstance(rules, Rules | None):
+        raise InputError(f"rules are a femu_piezo.diagnosis.rules.Rules, not a {type(rules).__name__}")
     clock, bases, rules = Clock(progress), bases or Bases(), rules or Rules()
     clock.step("read and extract")
     several = subjects(measure_each(specimens, spectra), effects)

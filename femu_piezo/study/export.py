@@ -9,6 +9,7 @@ import numpy as np
 
 from femu_piezo.errors import InputError
 from femu_piezo.files import read_json
+from femu_piezo.geometry.shape import unit_direction
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.conversion import stress_charge
 from femu_piezo.material.programs.writers import program
@@ -53,10 +54,8 @@ def export_text(
         raise InputError(f"{name}: the density is not known; give it, such as --density 7800")
     if not density > 0:
         raise InputError(f"density = {density:g} is not above zero; give it in kg/m³")
-    if not (np.all(np.isfinite(poling)) and np.linalg.norm(poling) > 0):
-        raise InputError(f"a poling direction needs three numbers that are not all zero, got {list(poling)}")
     try:
-        matrices = stress_charge(constants, "ieee", poling)
+        matrices = stress_charge(constants, "ieee", unit_direction(poling))
     except np.linalg.LinAlgError:
         raise InputError(f"{name}: the compliances of these constants have no inverse; update again") from None
     return target.write(matrices, float(density), name, _origin(constants, found))

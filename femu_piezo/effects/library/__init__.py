@@ -88,7 +88,9 @@ def _named(maker: Maker) -> str:
 
 
 def listed(offered: Iterable[Maker] | Maker) -> tuple[Maker, ...]:
-    """The entries of a list of effects, or a single entry."""
+    """The entries of a list of effects, or a single entry; InputError where it is neither."""
+    if not (callable(offered) or isinstance(offered, Iterable | Effect)):
+        raise InputError(f"effects: {offered!r} is no list of effects; give one, such as [*femu_piezo.effects.library]")
     return (offered,) if isinstance(offered, Effect) or callable(offered) else tuple(offered)
 
 

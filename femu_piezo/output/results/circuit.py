@@ -83,7 +83,7 @@ class EquivalentCircuit(Result, Circuit):
 
     def save(self, folder: Path | str) -> Path:
         """Write circuit.json, circuit.cir (SPICE), circuit.s1p, circuit.csv (its curve), circuit.png; the folder."""
-        out = prepare_folder(Path(folder))
+        out = prepare_folder(folder)
         write_figure(out / "circuit.png", self.plot())
         write_atomically(out / "circuit.cir", spice_text(self))
         write_spectrum(ImpedanceSpectrum(self.frequency, self.impedance), out / "circuit.csv")

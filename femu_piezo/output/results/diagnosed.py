@@ -81,7 +81,7 @@ class Diagnosed(Result, Diagnosis):
 
         report : write report.html as well, whose first page answers in plain words
         """
-        out = prepare_folder(Path(folder))
+        out = prepare_folder(folder)
         pieces: dict[str, list[int]] = {}
         for index, suffix in enumerate(suffixes(len(self.sweeps))):
             shown = self.of(index)

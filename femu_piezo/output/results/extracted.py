@@ -36,7 +36,7 @@ class Extracted(Result, Extraction):
 
     def save(self, folder: Path | str) -> Path:
         """Write extraction.json, extraction.png and, where Prony-SS decomposed the sweep, prony_ss.png; the folder."""
-        out = prepare_folder(Path(folder))
+        out = prepare_folder(folder)
         write_figure(out / "extraction.png", self.plot())
         if self.method == "prony_ss" and self.model is not None:
             from femu_piezo.output.extraction_plots import prony_figure

@@ -62,7 +62,7 @@ class Figures(Result):
 
     def save(self, folder: Path | str) -> Path:
         """Write figures.json, and figures.png where a formula of the body was used; the folder."""
-        out = prepare_folder(Path(folder))
+        out = prepare_folder(folder)
         if self.modes[0].formula_words:
             write_figure(out / "figures.png", self.plot())
         write_json(out / "figures.json", {"modes": [one.to_json() for one in self.modes]})

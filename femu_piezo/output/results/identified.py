@@ -57,7 +57,7 @@ class Identified(Result, IdentifyResult):
         """
         from femu_piezo.output.budget_chart import budget_figure
 
-        out = prepare_folder(Path(folder))
+        out = prepare_folder(folder)
         title = f"{' + '.join(self.names)}: where the deviations will come from"
         write_figure(out / "budget.png", budget_figure(title, self.expected.parameters))
         for number, suffix in enumerate(suffixes(len(self.sensitivities))):

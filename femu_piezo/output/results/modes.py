@@ -59,7 +59,7 @@ class Modes(Result, ModesResult):
         """
         from femu_piezo.output.modes import animation
 
-        out = prepare_folder(Path(folder))
+        out = prepare_folder(folder)
         for number in range(len(self.modes)):
             write_figure(out / f"mode_{number + 1:02d}.png", self.plot(number), 200)
             if animate:

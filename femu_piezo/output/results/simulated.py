@@ -35,7 +35,7 @@ class Simulated(Result, SimulationResult):
 
     def save(self, folder: Path | str) -> Path:
         """Write simulation.json, impedance.csv and impedance.png; the folder."""
-        out = prepare_folder(Path(folder))
+        out = prepare_folder(folder)
         write_spectrum(self.spectrum, out / "impedance.csv")
         write_figure(out / "impedance.png", self.plot())
         write_json(out / "simulation.json", self.to_json())

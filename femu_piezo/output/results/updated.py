@@ -62,7 +62,7 @@ class Updated(Result, UpdateResult):
         from femu_piezo.output.records import update_record
         from femu_piezo.output.sensitivity import sensitivity_figure
 
-        out = prepare_folder(Path(folder))
+        out = prepare_folder(folder)
         for number, (suffix, outcome) in enumerate(zip(suffixes(len(self.outcomes)), self.outcomes, strict=True)):
             write_figure(out / f"impedance{suffix}.png", self.plot(number))
             if len(outcome.history) > 1:
@@ -95,7 +95,7 @@ class Updated(Result, UpdateResult):
         from femu_piezo.output.data_sheet import as_pdf, data_sheet
         from femu_piezo.output.records import update_record
 
-        out = prepare_folder(Path(folder))
+        out = prepare_folder(folder)
         for number, suffix in enumerate(suffixes(len(self.outcomes))):
             page = data_sheet(self, number)
             write_binary(out / f"datasheet{suffix}.pdf", as_pdf(page))
