@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -70,6 +71,20 @@ class Inputs:
     files: tuple[Path, ...]
     specimens: tuple[Specimen, ...]
     error: InputError | None
+
+    @property
+    def sweeps(self) -> tuple[str, ...]:
+        """`file_checksum` of every measured sweep."""
+        tables = (part.measurement for one in self.specimens for part in one.of_each_sweep)
+        return tuple(file_checksum(table.file) for table in tables if table is not None and table.file is not None)
+
+
+def same_sweeps(inputs: Mapping[str, Inputs]) -> tuple[tuple[str, ...], ...]:
+    """The names of jobs with the same content of their sweeps, several in each group."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for name, one in inputs.items():
+        groups.setdefault(one.sweeps, []).append(name)
+    return tuple(tuple(names) for key, names in groups.items() if len(names) > 1 and key and _ABSENT not in key)
 
 
 def find_jobs(

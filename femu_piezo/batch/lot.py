@@ -99,6 +99,7 @@ class Lot:
     counts : number of specimens, and of those of each status
     verdicts, causes : how many diagnoses came to which verdict, and named which cause first
     faults : files without a result, with the reason
+    same : files with the same content of their sweeps, several in each group
     """
 
     counts: dict[str, int]
@@ -107,6 +108,7 @@ class Lot:
     distributions: tuple[Distribution, ...]
     outliers: tuple[Outlier, ...]
     faults: tuple[tuple[str, str], ...]
+    same: tuple[tuple[str, ...], ...] = ()
 
     def to_json(self) -> dict:
         """JSON types only."""
@@ -117,11 +119,12 @@ class Lot:
             "quantities": {one.quantity: one.to_json() for one in self.distributions},
             "outliers": [vars(one) for one in self.outliers],
             "faults": [{"file": file, "reason": reason} for file, reason in self.faults],
+            "same_sweeps": [list(files) for files in self.same],
         }
 
 
-def lot_of(rows: Sequence[dict]) -> Lot:
-    """The statistics of the rows of a table."""
+def lot_of(rows: Sequence[dict], same: Sequence[tuple[str, ...]] = ()) -> Lot:
+    """The statistics of the rows of a table; `same` as in `Lot`."""
     good = [row for row in rows if row["status"] == "ok"]
     names = [name for name in QUANTITIES if sum(row.get(name) is not None for row in good) > 0]
     distributions = tuple(_distribution(name, good, len(names)) for name in names)
@@ -133,7 +136,7 @@ def lot_of(rows: Sequence[dict]) -> Lot:
     }
     faults = tuple((row["file"], row["reason"]) for row in rows if row["status"] != "ok")
     verdicts, causes = (_counted(good, column) for column in ("verdict", "cause"))
-    return Lot(counts, verdicts, causes, distributions, tuple(outliers), faults)
+    return Lot(counts, verdicts, causes, distributions, tuple(outliers), faults, tuple(same))
 
 
 def _counted(rows: Sequence[dict], column: str) -> dict[str, int]:
@@ -242,6 +245,7 @@ def lot_text(lot: Lot) -> str:
             lines.append(f"    diagnosis: {of_file[0].diagnosis}")
         if of_file[0].notes:
             lines.append(f"    notes: {of_file[0].notes}")
+    lines += [f"the same sweep, counted as {len(files)} pieces: {', '.join(files)}" for files in lot.same]
     lines += [f"no result for {file}: {reason}" for file, reason in lot.faults]
     return "\n".join(lines) + "\n"
 

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from femu_piezo.batch.jobs import Job, program_checksum
+from femu_piezo.batch.jobs import Job, program_checksum, same_sweeps
 from femu_piezo.batch.pool import Pool, run_all
 from femu_piezo.batch.records import Records, write_record
 from femu_piezo.batch.worker import record, run_job
@@ -21,11 +21,15 @@ Diagnosed = Literal["all", "outliers"]
 
 @dataclass(frozen=True)
 class LotResult:
-    """The rows of a lot, and how many results were kept from earlier runs or computed now."""
+    """The rows of a lot, and how many results were kept from earlier runs or computed now.
+
+    same : files with the same content of their sweeps, several in each group
+    """
 
     rows: list[dict]
     kept: int
     computed: int
+    same: tuple[tuple[str, ...], ...] = ()
 
     def count(self, status: str) -> int:
         """Number of rows with a status."""
@@ -75,7 +79,7 @@ def run_lot(
             run.close()
         rows = rows_of(updated, diagnosed)
         write_table(rows, out / "table.csv", out / "table.parquet")
-    return LotResult(rows, run.kept, run.computed)
+    return LotResult(rows, run.kept, run.computed, run.same)
 
 
 def _to_diagnose(rows: list[dict], which: Diagnosed) -> set[str]:
@@ -102,10 +106,13 @@ class _Run:
         self._pool: Pool | None = None
         self._program = program_checksum()
         self.kept = self.computed = 0
+        self.same: tuple[tuple[str, ...], ...] = ()
 
     def step(self, name: str, jobs: list[Job], records: Records) -> list[dict]:
         """The records of one step, kept or computed, without their "results", in the order of the jobs."""
-        checksums = {job.name: job.checksum(self._program, job.read().files) for job in jobs}
+        inputs = {job.name: job.read() for job in jobs}
+        self.same = self.same or same_sweeps(inputs)
+        checksums = {job.name: job.checksum(self._program, inputs[job.name].files) for job in jobs}
         found: dict[str, dict] = {}
 
         def take(one: dict) -> None:

@@ -7,16 +7,18 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shutil
 from concurrent.futures import Future
 from pathlib import Path
 
 import pyarrow.parquet
 import pytest
-from lots import S11, InlinePool, kill_at_random, sweep, write_lot
+from lots import S11, SPECIMEN, InlinePool, kill_at_random, sweep, write_lot
 
 from femu_piezo.batch.jobs import Job, find_jobs, natural_order
 from femu_piezo.batch.lot import lot_of, lot_text
 from femu_piezo.batch.pool import in_turn
+from femu_piezo.batch.report import write_report
 from femu_piezo.batch.run import run_lot
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.measurement.readers import write_spectrum
@@ -100,6 +102,23 @@ def test_order_of_work_and_process_do_not_change_the_table(lot, tmp_path):
     run_lot(list(reversed(jobs)), tmp_path / "reversed", InlinePool)
     run_lot(jobs, tmp_path / "reversed", no_pool)
     assert (tmp_path / "reversed/table.csv").read_bytes() == (lot[2] / "table.csv").read_bytes()
+
+
+def test_a_sweep_under_two_names_is_told(lot, tmp_path):
+    """A copy of a file in a folder of sweeps, and two specimen files with one sweep."""
+    (tmp_path / "sweeps").mkdir()
+    for name, number in (("a", 4), ("b", 5), ("copy of a", 4)):
+        shutil.copy(lot[0] / f"p{number}.csv", tmp_path / "sweeps" / f"{name}.csv")
+        text = SPECIMEN.format(file=f"sweeps/{name}.csv".replace("copy of ", ""))
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+    for folder, specimen, end in ((tmp_path / "sweeps", lot[1], "csv"), (tmp_path, None, "toml")):
+        result = run_lot(find_jobs(folder, specimen), tmp_path / end, InlinePool)
+        write_report(result, tmp_path / end)
+        words = f"the same sweep, counted as 2 pieces: a.{end}, copy of a.{end}\n"
+        assert words in (tmp_path / end / "lot.txt").read_text(encoding="utf-8")
+        record = json.loads((tmp_path / end / "lot.json").read_text(encoding="utf-8"))
+        assert record["same_sweeps"] == [[f"a.{end}", f"copy of a.{end}"]]
+    assert json.loads((lot[2] / "lot.json").read_text(encoding="utf-8"))["same_sweeps"] == []
 
 
 def test_damaged_and_foreign_records_are_computed_again(lot, tmp_path):
