@@ -250,9 +250,11 @@ class PiezoConstants(_Constants):
                 message = f"{', '.join(names)} together are not positive definite: no stable material has them"
                 faults.append(MaterialFault("unstable", message))
             if passive and np.linalg.eigvalsh(self.loss_block(index))[0] < -tolerance:
-                message = (
-                    f"the imaginary parts of {', '.join(names)} would create energy (Holland 1967): "
-                    "a loss tangent is negative or that of d is too large for those of s and eps"
+                without = [name for name in names if getattr(self, name).imag == 0]
+                message = f"the imaginary parts of {', '.join(names)} would create energy (Holland 1967): " + (
+                    f"{', '.join(without)} have no loss tangent, as the others have; give one of each"
+                    if without
+                    else "a loss tangent is negative or that of d is too large for those of s and eps"
                 )
                 faults.append(MaterialFault("active", message))
         return faults

@@ -103,6 +103,10 @@ def test_unknown_library_name_names_the_nearest():
         ({"d33": 900e-12}, "not positive definite"),
         ({"d15": 1500e-12}, "d15"),
         ({"s33": 20.7e-12 * (1 + 0.01j)}, "create energy"),
+        (
+            {name: getattr(PZT, name).real * (1 - 0.02j) for name in ("s12", "s33", "d33")},
+            "s11, s13, d31, eps33T have no",
+        ),
     ],
 )
 def test_unphysical_constants_are_named(change, words):
