@@ -299,6 +299,11 @@ def nothing(words: str) -> None:
     ui.label(words).classes("opacity-80")
 
 
+def missing(words: str) -> None:
+    """Tell that what the address names is not in the folder; no other is shown in its place."""
+    ui.label(words).classes("error").props('role="alert"')
+
+
 def table(
     headings: Sequence[str], rows: Sequence[Sequence[object]], label: str, at_once: int | None = None
 ) -> ui.table:

@@ -308,6 +308,21 @@ def test_labels_of_a_logarithmic_axis_do_not_overlap(serve, page, tmp_path: Path
     assert not overlap
 
 
+def test_an_unknown_name_in_the_address_is_told(serve, page, tmp_path: Path) -> None:
+    """No other sweep or lot is shown in its place; without a name, the first one is."""
+    (tmp_path / "tray").mkdir()
+    tutorial("k31_plate", tmp_path / "tray")
+    server = serve()
+    for address, words in (("sweep?file=of+yesterday.csv", "no sweep of yesterday.csv"), ("lot?lot=box", "no lot box")):
+        open_page(page, server, address)
+        page.get_by_text(f"This folder has {words}; choose another one.").wait_for()
+        assert not page.get_by_text("Find poles and zeros").count() and not page.get_by_text("Update every").count()
+    open_page(page, server, "sweep")
+    drawn(page)
+    open_page(page, server, "lot")
+    page.get_by_text("Update every specimen").wait_for()
+
+
 def test_causes_and_candidates_are_shown_with_their_sizes(serve, page, tmp_path: Path) -> None:
     """Of a record as `diagnose` leaves it, with as much as the tables need."""
     tutorial("hidden_effect", tmp_path)

@@ -11,7 +11,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.web import charts, results
 from femu_piezo.web.pages.common import chart, report_links
-from femu_piezo.web.site import Site, nothing, table
+from femu_piezo.web.site import Site, missing, nothing, table
 from femu_piezo.web.workspace import Outside, lot_of
 
 _MOST = 10_000
@@ -24,9 +24,12 @@ def register(site: Site) -> None:
     @ui.page("/lot")
     def page(lot: str = "", spec: str = "", file: str = "") -> None:
         lots = site.workspace.lots()
-        lot = lot if lot in lots else (lots[0] if lots else "")
-        with site.frame("lot", {"spec": spec, "file": file, "lot": lot}):
-            site.choose(lots, lot, "Lot (a folder of specimen files)", "lot", "lot")
+        lot = lot or (lots[0] if lots else "")
+        with site.frame("lot", {"spec": spec, "file": file, "lot": lot if lot in lots else ""}):
+            site.choose(lots, lot if lot in lots else "", "Lot (a folder of specimen files)", "lot", "lot")
+            if lot and lot not in lots:
+                missing(f"This folder has no lot {lot}; choose another one.")
+                return
             if not lot:
                 nothing("A lot is a folder of specimen files inside this folder; there is none yet.")
                 return

@@ -12,7 +12,7 @@ from nicegui import app, run, ui
 from femu_piezo.errors import InputError
 from femu_piezo.web import charts, results
 from femu_piezo.web.pages.common import chart, figure_rows, notes, report_links
-from femu_piezo.web.site import Site, complain, nothing, table
+from femu_piezo.web.site import Site, complain, missing, nothing, table
 
 _TEMPLATE = """# Description of the piece. Dimensions and material are examples: replace them by those of your piece.
 name = {name}
@@ -38,9 +38,13 @@ def register(site: Site) -> None:
     @ui.page("/sweep")
     async def page(file: str = "", spec: str = "") -> None:
         names = site.workspace.sweeps()
-        chosen = file if file in names else (_of_specimen(site, spec, names) or (names[0] if names else ""))
-        with site.frame("sweep", {"file": chosen, "spec": spec}):
-            await _Sweep(site, names, chosen, spec).build()
+        chosen = file or _of_specimen(site, spec, names) or (names[0] if names else "")
+        with site.frame("sweep", {"file": chosen if chosen in names else "", "spec": spec}):
+            if chosen in names or not chosen:
+                await _Sweep(site, names, chosen, spec).build()
+            else:
+                site.choose(names, "", "Sweep", "sweep", "file")
+                missing(f"This folder has no sweep {chosen}; choose another one.")
 
 
 def _of_specimen(site: Site, spec: str, names: list[str]) -> str:
