@@ -758,7 +758,7 @@ def _plan_only(specimen: Specimen, wish: Wish, data: Path | None, out: Path) -> 
         return
     _prepare(out)
     write_plan(out, frequency)
-    click.echo("\n".join(f"{one:.3f}" for one in frequency))
+    click.echo("\n".join(["frequency_Hz", *(f"{one:.3f}" for one in frequency)]))
 
 
 @main.command()

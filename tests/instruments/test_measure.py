@@ -235,7 +235,9 @@ def test_a_plan_for_an_analyser_without_a_connection(specimen, tmp_path):
     """
     found = succeeded("measure", specimen, "--plan", "--points", "50", "--out", tmp_path)
     frequency = np.loadtxt(tmp_path / "plan.csv", skiprows=1)
-    assert np.allclose([float(line) for line in found.output.split()], frequency, atol=1e-3) and frequency.size == 50
+    head, *lines = found.output.split()
+    assert head == "frequency_Hz" and frequency.size == 50
+    assert np.allclose([float(line) for line in lines], frequency, atol=1e-3)
     rows = np.loadtxt(tmp_path / "plan_segments.csv", delimiter=",", skiprows=1)
     every = np.concatenate([np.linspace(low, high, int(n)) for low, high, n in rows])
     assert np.min(np.abs(every[:, None] - frequency), axis=0) == pytest.approx(0, abs=2e-3)
@@ -277,7 +279,7 @@ def test_causes_are_separated_at_the_analyser(specimen, tmp_path):
     np.savetxt(tmp_path / "first.csv", first, delimiter=",", header="frequency_Hz,R_ohm,X_ohm", comments="")
     plan = ["measure", str(specimen), "--plan", "--separate", "--points", "64", "--out", str(tmp_path / "plan")]
     planned = succeeded(*plan, "--data", tmp_path / "first.csv")
-    assert [float(line) for line in planned.output.split()] == pytest.approx(np.sort(points(out)[32:48]), rel=1e-3)
+    assert [float(line) for line in planned.output.split()[1:]] == pytest.approx(np.sort(points(out)[32:48]), rel=1e-3)
 
 
 def test_points_of_another_voltage_are_refused(tmp_path):
