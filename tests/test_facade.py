@@ -547,7 +547,14 @@ def test_mistakes_in_a_users_effect_are_told_in_one_sentence(specimen, sweep):
 
     z_alone = with_circuit(lambda omega, z, p: z + p[0])
     flat = with_circuit(lambda omega, z, p: (z + p[0], np.ones_like(z), np.ones(z.size, complex)))
+
+    def broken(omega, z, p):
+        return z + p[0], np.ones_like(z), np.where(omega[:, None] == omega[3], np.nan, 1.0 + 0j)
+
+    empty = with_circuit(lambda omega, z, p: (np.full(z.shape, np.nan), np.ones_like(z), np.ones((z.size, 1), complex)))
     for effects, words in (
+        ([empty], "effect my_leads: Z' of its circuit is not a finite number at resistance = .* ohm; it has to be one"),
+        ([with_circuit(broken)], "effect my_leads: ∂Z'/∂p of its circuit is not a finite number"),
         ([needs_two], "needs_two must take one argument, an EffectContext"),
         ([Effect], "Effect must take one argument"),
         ([lambda context: ["leads"]], "returns 'leads', which is no Effect"),

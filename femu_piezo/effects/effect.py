@@ -250,14 +250,24 @@ class Effect:
     def through(self, omega: np.ndarray, z: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What its circuit makes of Z (k,) at ω (k,): Z' (k,), ∂Z'/∂Z (k,), ∂Z'/∂p (k, n); InputError for others."""
         found = self.circuit(omega, z, p)
-        shapes = [np.shape(one) for one in found] if isinstance(found, tuple) else np.shape(found)
+        several = isinstance(found, tuple | list)
+        shapes = [np.shape(one) for one in found] if several else np.shape(found)
         needed = [z.shape, z.shape, (*z.shape, p.size)]
         if shapes != needed:
             raise InputError(
                 f"effect {self.name}: its circuit returns shapes {shapes}; needed are Z', ∂Z'/∂Z and ∂Z'/∂p of the "
                 f"shapes {needed}"
             )
-        return found
+        if np.isrealobj(omega) and np.all(np.isfinite(z)):  # at a pole or zero, which is complex, Z' may be infinite
+            for words, one in zip(("Z'", "∂Z'/∂Z", "∂Z'/∂p"), map(np.asarray, found), strict=True):
+                if one.dtype.kind not in "fci" or not np.all(np.isfinite(one)):
+                    values = zip(self.parameters, p, strict=True)
+                    at = ", ".join(f"{known.name} = {value:g}{known.after_number}" for known, value in values)
+                    raise InputError(
+                        f"effect {self.name}: {words} of its circuit is not a finite number at {at}; it has to be one "
+                        "at every frequency, for all values between the bounds"
+                    )
+        return tuple(found)
 
     @property
     def within_tolerance(self) -> Effect:
