@@ -15,6 +15,9 @@ from femu_piezo.measurement.orientation import misread_as
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 FEWEST_POINTS = 8
+#: Speed of sound above that of most ceramics, m/s; frequencies, Hz, above which a first resonance of bulk ceramic is
+#: doubtful, and above which there is none.
+_SPEED, _THIN, _NONE = 5000.0, 1e9, 1e10
 _CAUSES = {
     "phase_turned": "{told}: the phase is turned by 180°; set correct_phase = true in [measurement] of the specimen "
     "file (or --correct-phase, in Python correct_phase=True) to turn it back",
@@ -95,8 +98,10 @@ def check_spectrum(spectrum: ImpedanceSpectrum, *, hertz_stated: bool = True) ->
 
 
 def _frequency_unit(spectrum: ImpedanceSpectrum, hertz_stated: bool) -> DataFault | None:
-    """The fault of frequencies of a few hundred "Hz" that must be kHz."""
+    """The fault of frequencies of a few hundred "Hz" that must be kHz, or of a first resonance at GHz."""
     low, high = spectrum.frequency[[0, -1]]
+    if high >= _THIN:
+        return _above_any_ceramic(spectrum)
     if high >= 5000:
         return None
     angle = np.angle(spectrum.impedance)
@@ -116,6 +121,18 @@ def _frequency_unit(spectrum: ImpedanceSpectrum, hertz_stated: bool) -> DataFaul
         "in kHz, write frequency_kHz in the header of the file, or multiply those of an array by 1000"
     )
     return DataFault("khz_for_hz", message, whole, fatal=bool(high < 1000))
+
+
+def _above_any_ceramic(spectrum: ImpedanceSpectrum) -> DataFault | None:
+    """The fault of a sweep that is capacitive up to a first resonance above `_THIN`."""
+    first = float(spectrum.frequency[np.argmax(spectrum.impedance.imag > 0)])
+    if spectrum.impedance.imag[0] > 0 or first < _THIN or not np.any(spectrum.impedance.imag > 0):
+        return None
+    message = (
+        f"the first resonance is at {first / 1e9:.4g} GHz, as only ceramic of less than {_SPEED / 2 / first * 1e6:.2g} "
+        "micrometres would have it; check the unit of the frequencies, which the header of the file gives"
+    )
+    return DataFault("hz_for_khz", message, np.array([], dtype=int), fatal=first > _NONE)
 
 
 def _roughness(spectrum: ImpedanceSpectrum) -> DataFault | None:

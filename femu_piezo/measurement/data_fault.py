@@ -13,8 +13,8 @@ class DataFault:
 
     Attributes
     ----------
-    kind : "too_few", "khz_for_hz", "phase_turned", "reactance_sign", "resistance_sign", "columns_exchanged",
-        "admittance_exchanged", "not_passive", "rough", "jump", "spike", "mains", "quantised" or
+    kind : "too_few", "khz_for_hz", "hz_for_khz", "phase_turned", "reactance_sign", "resistance_sign",
+        "columns_exchanged", "admittance_exchanged", "not_passive", "rough", "jump", "spike", "mains", "quantised" or
         "interpolated"
     message : one sentence with the numbers and the remedy
     indices : (k,) int, the points concerned, counted from 0; empty where it is the whole sweep. For a jump the points

@@ -134,6 +134,19 @@ def test_khz_taken_for_hz(hertz_stated: bool) -> None:
     assert "frequency_kHz" in fault.message
 
 
+@pytest.mark.parametrize(("factor", "fatal"), [(1e5, False), (1e6, True)])
+def test_hz_taken_for_mhz(factor: float, fatal: bool) -> None:
+    """A piece whose leads resonate at 2 GHz has a resonance below, and is sound."""
+    frequency, impedance = sweep("resonance")
+    (fault,) = check_spectrum(ImpedanceSpectrum(factor * frequency, impedance))
+    assert (fault.kind, fault.fatal) == ("hz_for_khz", fatal)
+    assert "check the unit of the frequencies" in fault.message
+    wide = np.concatenate([frequency, np.geomspace(1e5, 3e9, 400)])
+    capacitor = 1 / (1j * wide * 2 * np.pi * 1e-12) + 1.0
+    piece = np.where(wide < 6e4, np.resize(impedance, wide.size), capacitor + 2j * np.pi * wide * 6e-9)
+    assert "hz_for_khz" not in kinds(wide, piece)
+
+
 def test_a_true_low_frequency_sweep_is_sound() -> None:
     frequency = np.linspace(20, 900, 101)
     assert kinds(frequency, bar_impedance(frequency, **SOFT)) == []
