@@ -125,3 +125,18 @@ def test_law_of_the_drive_level_against_the_consistent_amplitude(effects):
     change = np.abs(np.log(exact / bare))
     assert np.max(np.abs(np.log(z / exact))) < effects["drive_level"].parameters[0].law_error / 2 * np.max(change)
     assert np.argmin(np.abs(z)) < np.argmin(np.abs(bare)) and np.min(np.abs(z)) > np.min(np.abs(bare))
+
+
+def test_the_drive_level_of_a_frequency_does_not_depend_on_the_others(effects):
+    """Z with the band of the resonance left out, as of a held-out band, and about the overtone alone."""
+    acquisition, parameters = effects["drive_level"].acquisition, np.array([2e-3, 0.4])
+
+    def inside(omega, *beside, slopes=None):
+        share = float(beside[0][1][0]) if beside else 0.0
+        return bar(omega, share), np.zeros((omega.size, 0), dtype=complex)
+
+    omega = 2 * np.pi * np.concatenate([np.linspace(90e3, 110e3, 401), np.linspace(280e3, 330e3, 401)])
+    whole = acquisition(inside, omega, parameters)[0]
+    overtone = np.arange(omega.size) > 400
+    for kept in (overtone, np.abs(omega - 2 * np.pi * 98e3) > 2 * np.pi * 5e3):
+        np.testing.assert_allclose(acquisition(inside, omega[kept], parameters)[0], whole[kept], rtol=1e-12)

@@ -2,17 +2,17 @@
 
 At each frequency the body is taken as linear with the compliances at its amplitude there (describing function),
 
-    s → s [1 + β A (1 − jq)],    A = |Y'|²/max |Y|²,
+    s → s [1 + β A (1 − jq)],    A = |Y'|²/|Y_1|²,
 
 under the constant voltage of the instrument. The strain of a resonance is proportional to its velocity and so to the
-current, that is to the final Y', which the softening itself limits. The unit is max |Y|, the largest admittance of the
-body without softening over the sweep: at that current β is the relative growth of the compliance and βq that of its
-loss. With compliances s w² (`femu_piezo.effects.softening`),
+current, that is to the final Y', which the softening itself limits. The unit is |Y_1|, the admittance of the body
+without softening at its fundamental resonance, whatever frequencies are swept: at that current β is the relative growth
+of the compliance and βq that of its loss. With compliances s w² (`femu_piezo.effects.softening`),
 
     Z' = Z + β A (1 − jq)/2 · ∂Z/∂w
 
 to first order, which suffices: Z is nearly linear in w near its zeros, where A is large. A sweep with the voltage V has
-(V/V_max)² of β, V_max the largest of all sweeps. With g = β (1 − jq)/2 · ∂Z/∂w/max|Y|² the square u = |Z'|² obeys
+(V/V_max)² of β, V_max the largest of all sweeps. With g = β (1 − jq)/2 · ∂Z/∂w/|Y_1|² the square u = |Z'|² obeys
 
     Z' = Z + g/u,    u³ = |Z|² u² + 2 Re(Z* g) u + |g|².
 """
@@ -26,6 +26,8 @@ from femu_piezo.effects.softening import softened
 
 #: Share of the change that the law misses: strain is not uniform, and not all of the current is that of motion.
 _LAW_ERROR = 0.1
+#: Frequencies over that of the fundamental among which Y_1 is the largest admittance.
+_NEAR = np.linspace(0.96, 1.04, 241)
 #: Newton steps for the root of the cubic.
 _STEPS = 40
 
@@ -38,20 +40,22 @@ def _square(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     return u
 
 
-def _hook(drive: float) -> AcquisitionHook:
+def _hook(drive: float, fundamental_Hz: float) -> AcquisitionHook:
     """drive : V/V_max"""
+    near = 2 * np.pi * fundamental_Hz * _NEAR
 
     def acquisition(inside: Reached, omega: np.ndarray, p: np.ndarray):
-        z, slopes, by_p = _leaning(inside, omega, p * np.array([drive**2, 1.0]))
+        z, slopes, by_p = _leaning(inside, omega, p * np.array([drive**2, 1.0]), near)
         return z, slopes, by_p * np.array([drive**2, 1.0])
 
     return acquisition
 
 
-def _leaning(inside: Reached, omega: np.ndarray, p: np.ndarray):
+def _leaning(inside: Reached, omega: np.ndarray, p: np.ndarray, near: np.ndarray):
+    at, at_slopes = inside(near)
+    top = int(np.argmin(np.abs(at)))
     (z, slopes), (by_w, by_w_slopes) = softened(inside, omega)
-    top = int(np.argmin(np.abs(z)))
-    unit, unit_slopes = np.abs(z[top]) ** 2, 2 * (np.conj(z[top]) * slopes[top]).real  # 1/max |Y|²
+    unit, unit_slopes = np.abs(at[top]) ** 2, 2 * (np.conj(at[top]) * at_slopes[top]).real  # 1/|Y_1|²
     factor = (1 - 1j * p[1]) / 2
     g = p[0] * factor * by_w * unit
     dg = p[0] * factor * (by_w_slopes * unit + by_w[:, None] * unit_slopes)
@@ -84,7 +88,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "sweep again at a third of the voltage: the shift of the resonances falls to a ninth",
                 "sweep again in the opposite direction: a shift by drift changes its sign, one by the drive does not",
             ),
-            acquisition=_hook(context.conditions.drive),
+            acquisition=_hook(context.conditions.drive, context.fundamental_Hz),
             outward=0.3,
             of_conditions=True,
         ),
