@@ -138,15 +138,16 @@ def test_a_loop_collected_as_garbage_in_its_own_helper_thread_ends(monkeypatch):
     monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     own, left, collected = threading.get_ident(), [], threading.Event()
 
-    def piece(_) -> None:
-        if threading.get_ident() == own:
+    def piece(number: int) -> None:
+        if number == 0 or threading.get_ident() == own:
+            time.sleep(0.001)
             return
         while not left:
             time.sleep(0.001)
         left.pop().close()
         collected.set()
 
-    loop = in_parallel(piece, range(3))
+    loop = in_parallel(piece, range(1000))  # the helper may have the first piece, and this thread some more
     next(loop)
     left.append(loop)
     assert collected.wait(10)
