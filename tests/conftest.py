@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+import sys
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -21,6 +23,14 @@ from tests.missing_libraries import skip_without_libraries
 def pytest_runtest_makereport(item, call):
     """Tests that need a library which the machine lacks are skipped with a reason."""
     skip_without_libraries((yield).get_result())
+
+
+@pytest.fixture(autouse=True)
+def memory_given_back():
+    """Freed memory goes back to the system after each test: glibc keeps what lies below the latest allocations."""
+    yield
+    if sys.platform == "linux":
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 @pytest.fixture(scope="session")
