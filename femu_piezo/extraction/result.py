@@ -68,8 +68,8 @@ class Extraction:
         if pair is None or self.model is None:
             return None
         piece = Piece("other", 1.0, None, None, 1.0)
-        points = (self.spectrum.frequency, self.spectrum.impedance)
-        noise = self.relative_noise_of(self.spectrum)
+        sweep = self.spectrum.select(self.used)
+        points, noise = (sweep.frequency, sweep.impedance), self.relative_noise_of(sweep)
         reading = read_curve(self.model.admittance, points, pair.pole, pair.zero, piece, noise=noise)
         return standard_figures(piece, reading, pair.pole, pair.zero).with_coupling_std(pair.std_k_eff)
 

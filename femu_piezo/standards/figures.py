@@ -210,8 +210,15 @@ def read_curve(
         **piece.figures(fs, fp, free),
     }
     known = {name: float(value) for name, value in values.items() if value is not None}
-    relative = 0.0 if noise is None else float(np.interp(low.frequency_Hz, points[0], noise)) / np.sqrt(2)
+    relative = 0.0 if noise is None else _deviation_between(low.frequency_Hz, points[0], noise) / np.sqrt(2)
     return CurveFigures(known, notes + low.notes, piece.poisson, _reading_deviations(known, relative))
+
+
+def _deviation_between(at: float, frequency: np.ndarray, noise: np.ndarray) -> float:
+    """Deviation at a frequency of the straight line between the readings on both sides, of deviations `noise`."""
+    behind = int(np.clip(np.searchsorted(frequency, at), 1, frequency.size - 1))
+    share = (at - frequency[behind - 1]) / (frequency[behind] - frequency[behind - 1])
+    return float(np.hypot((1 - share) * noise[behind - 1], share * noise[behind]))
 
 
 def _reading_deviations(values: dict[str, float], relative: float) -> dict[str, float]:
@@ -277,17 +284,19 @@ class _Low:
 def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float | None, _Low]:
     """C^T, F, extrapolated to zero frequency by the formula of the body; loss tangent and notes."""
     frequency, impedance = points
-    if frequency[0] >= 0.97 * fs:
-        note = "the sweep starts at the resonance, so it gives no capacitance and no figure that depends on it"
-        return None, _Low(float(frequency[0]), None, (note,))
     y = 1 / impedance
     at = STATED if frequency[0] <= STATED <= min(_LOW * fs, frequency[-1]) else float(frequency[0])
     capacitance = float(np.interp(at, frequency, y.imag / (2 * np.pi * frequency)))
+    if frequency[0] >= 0.97 * fs or capacitance <= 0:
+        note = "the sweep starts at a resonance, so it gives no capacitance and no figure that depends on it"
+        return None, _Low(at, None, (note,))
     tangent = float(np.interp(at, frequency, y.real / y.imag)) if at <= _LOW * fs else None
     notes = ()
     if at != STATED:
+        covered = frequency[0] <= STATED <= frequency[-1]
+        why = "1 kHz is not far below the resonance" if covered else "the sweep does not include 1 kHz"
         way = "the formula of the body" if piece.kind not in ("other", "thickness plate") else "that of a single mode"
-        notes = (f"the sweep does not include 1 kHz: its capacitance at {at:.6g} Hz was extrapolated there by {way}",)
+        notes = (f"{why}: the capacitance at {at:.6g} Hz was extrapolated there by {way}",)
     if piece.kind == "thickness plate" and at > _LOW * fs:
         return None, _Low(at, tangent, notes)  # lateral modes lie between this frequency and fs
     return capacitance / piece.share(at, fs, fp), _Low(at, tangent, notes)

@@ -304,6 +304,56 @@ def test_deviations_of_capacitance_and_loss_cover_the_truth():
     assert 0.8 < np.sqrt(np.mean(np.square(away))) < 1.2
 
 
+BAR = (LENGTH, AREA / LENGTH, GAP), RHO, S11, D31, EPS33
+
+
+def test_deviations_of_a_reading_between_two_points():
+    """1 kHz lies midway between two points, whose mean has 1/√2 of the deviation of one."""
+    frequency = np.r_[np.arange(650.0, 1400.0, 100.0), np.linspace(40e3, 60e3, 300)]
+    clean = k31_bar.impedance(2 * np.pi * frequency, *BAR)
+    truth = extract(ImpedanceSpectrum(frequency, clean)).figures
+    away = []
+    for seed in range(60):
+        found = extract(ImpedanceSpectrum(frequency, noisy(clean, 2e-3, seed))).figures
+        away += [(found[name].value - truth[name].value) / found[name].std for name in ("C_T", "tan_delta")]
+    assert 0.85 < np.sqrt(np.mean(np.square(away))) < 1.2
+
+
+def test_clipped_readings_give_no_capacitance():
+    """The instrument shows no more than 20 kohm, which the piece has up to 10 kHz."""
+    frequency = np.geomspace(100, 60e3, 800)
+    clean = k31_bar.impedance(2 * np.pi * frequency, *BAR)
+    z = noisy(clean, 1e-3, 1)
+    below = frequency < 10e3
+    ceiling = np.abs(z[below]).min()
+    clipped = np.where(np.abs(z) > ceiling, z / np.abs(z) * ceiling, z)
+    found, whole = (extract(ImpedanceSpectrum(frequency, one)) for one in (clipped, z))
+    assert found.status == "clipped"
+    for name in ("C_T", "Qm_Z"):
+        assert found.figures[name].value == pytest.approx(whole.figures[name].value, rel=0.02), name
+    assert "the capacitance at" in found.figures.notes[0]
+
+
+def test_a_sweep_from_between_pole_and_zero_of_a_lower_mode_gives_no_capacitance():
+    """The bar is an inductor where the sweep begins; the figures are those of its next mode."""
+    fundamental_Hz = CASES["k31 bar"][3]["N1"] / LENGTH
+    frequency = np.linspace(1.01, 3.5, 800) * fundamental_Hz
+    z = noisy(k31_bar.impedance(2 * np.pi * frequency, *BAR), 1e-3, 1)
+    assert z[0].imag > 0
+    figures = extract(ImpedanceSpectrum(frequency, z)).figures
+    assert figures["fs"].value == pytest.approx(3 * fundamental_Hz, rel=1e-3)
+    assert not {"C_T", "Qm_Z", "tan_delta"} & {one.name for one in figures.figures}
+    assert "starts at a resonance" in figures.notes[0]
+
+
+def test_a_resonance_not_far_above_1_kHz_is_told():
+    """The capacitance is read at the lowest frequency, and not because 1 kHz is missing."""
+    frequency = np.linspace(100, 8e3, 800)
+    found = figures_of(Piece("other", 1.0, None, None, 1.0), lambda f: circuit(f, fs=5e3), frequency)
+    assert found["C_T"].value == pytest.approx((circuit(np.array([1e3]), fs=5e3)[0]).imag / (2e3 * np.pi), rel=1e-4)
+    assert found.notes[0].startswith("1 kHz is not far below the resonance: the capacitance at 100 Hz")
+
+
 def test_numbers_have_no_powers_of_ten_and_the_digits_of_their_deviation():
     assert [deviation_percent(share) for share in (None, 8.8e-8, -0.0112)] == ["", "0 %", "-1.1 %"]
     frequency = np.linspace(26e9, 46e9, 121)  # MHz taken for Hz
