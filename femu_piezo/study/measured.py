@@ -12,6 +12,7 @@ import numpy as np
 from femu_piezo.effects.effect import SweepConditions
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import Extraction, extract
+from femu_piezo.extraction.limitations import find_clipping
 from femu_piezo.extraction.roots import Pair, fundamental
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.starts.pole_zero import static_permittivity
@@ -181,9 +182,19 @@ def _analysed(specimen: Specimen, spectrum: Sweep | None) -> _Analysed:
     else:
         spectrum = spectrum if (fixture := _compensation(wish)) is None else fixture.applied(spectrum)
         wish, spectrum = wish.model_copy(update={"file": None}), accept_spectrum(spectrum, **options)
+    spectrum = _without_clipped(spectrum)
     problem = prepare(specimen.model_copy(update={"measurement": wish}), check=False)
     fitted = _without_held_out(spectrum, wish.held_out, str(specimen.path or specimen.name))
     return _Analysed(problem, spectrum, fitted, extract(fitted))
+
+
+def _without_clipped(spectrum: ImpedanceSpectrum) -> ImpedanceSpectrum:
+    """The sweep without clipped readings, with a note on them; as it is where too few points would be left."""
+    clipped, findings = find_clipping(spectrum)
+    if not findings or np.count_nonzero(~clipped) < FEWEST_POINTS:
+        return spectrum
+    notes = (*spectrum.notes, *(finding.sentence for finding in findings))
+    return replace(spectrum.select(~clipped), notes=notes)
 
 
 def _without_held_out(spectrum: ImpedanceSpectrum, band: tuple[float, float] | None, where: str) -> ImpedanceSpectrum:

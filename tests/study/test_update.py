@@ -320,6 +320,24 @@ def test_a_bad_low_reading_is_left_out_or_noted(sweeps, write_specimen_of, truth
     assert any("updated model differs from the sweep" in note for note in result.notes)
 
 
+def test_clipped_readings_are_left_out(sweeps, write_specimen_of):
+    """The six largest |Z| are clipped at the seventh: constants and deviations are those without these points."""
+    clean = noisy_sweep(sweeps["k31"], 1e-3, 3)
+    z, size = clean.impedance, np.abs(clean.impedance)
+    low = clean.frequency < 1e3
+    ceiling = np.sort(size[~low])[-7]
+    peak = ~low & (size >= ceiling)
+    clipped = ImpedanceSpectrum(clean.frequency, np.where(peak, z / size * ceiling, z))
+    found, right = (
+        update(read_specimen(write_specimen_of("k31", one, TRIO, more=IDEAL)))
+        for one in (clipped.select(~low), clean.select(~low & ~peak))
+    )
+    assert any("the peak is clipped; these points are left out" in note for note in found.notes)
+    for name in TRIO:
+        assert found.parameters[name].value == pytest.approx(right.parameters[name].value, rel=1e-9), name
+        assert found.parameters[name].std == pytest.approx(right.parameters[name].std, rel=1e-6), name
+
+
 def test_a_note_says_that_a_bar_is_a_poor_source_of_the_permittivity(sweeps, write_specimen_of):
     """Only for a k33 bar; a k31 plate has a hundred times its capacitance."""
     paper = '[update]\nmethod = "pole_zero"'
