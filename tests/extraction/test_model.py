@@ -8,7 +8,8 @@ import pytest
 from femu_piezo.extraction.covariance import Spread, errors_about, fisher_spread, systematic_error, systematic_spread
 from femu_piezo.extraction.fit import Fit, NormalisedSweep, correlation, fit, residual, solve_linear
 from femu_piezo.extraction.model import FrequencyAxis, RationalModel
-from femu_piezo.extraction.order import _least
+from femu_piezo.extraction.order import _least, _splits
+from femu_piezo.extraction.vector_fitting import relocated_poles
 from femu_piezo.measurement.sweeps import SweepData
 from tests.noise import circular_noise
 
@@ -114,6 +115,41 @@ def test_evidence_does_not_reward_misfits_below_rounding():
     assert with_misfit(small, 9.0).misfit > _least(large, with_misfit(small, 9.0)) > data.rounding
 
 
+def test_evidence_is_the_information_criterion_of_the_relative_errors():
+    """N ln(S/n) + k ln(N) N/(N − k − 1) − 2 Σ ln weight²: written out for 60 readings and 7 complex parameters."""
+    model = two_modes()
+    weight = np.linspace(500.0, 2000.0, OMEGA.size)
+    data = NormalisedSweep.of(OMEGA, model.admittance(OMEGA), weight)
+    errors = circular_noise(OMEGA.size, 1e-3, 8)
+    found = Fit(model, data, weight * np.expm1(errors), 1.0)
+    likelihood = 120 * np.log(np.sum(np.abs(weight * errors) ** 2) / 60) - 2 * np.sum(np.log(weight**2))
+    assert found.evidence == pytest.approx(likelihood + 14 * np.log(120) * 120 / 105, rel=1e-12)
+
+
+def test_vector_fitting_finds_all_poles_of_a_rational_function():
+    """Y/(jω) of two poles and a background of degree two, from two poles spread over the sweep."""
+    model = two_modes()
+    data = NormalisedSweep.of(OMEGA, model.admittance(OMEGA), np.ones(OMEGA.size))
+    found = relocated_poles(data, 2)
+    assert sorted(found, key=np.real) == pytest.approx(sorted(model.poles, key=np.real), rel=1e-8)
+
+
+def test_two_near_modes_are_one_with_a_term_of_third_power():
+    """½r/(z + δ − x) + ½r/(z − δ − x) = r/(z − x) + r δ²/(z − x)³ + O(δ⁴): by it a mode is split at the right δ."""
+    whole = two_modes()
+    apart, z, r = 0.004 + 0.001j, whole.poles[0], whole.residues[0]
+    halves = np.array([z + apart, z - apart, whole.poles[1]]), np.array([r / 2, r / 2, whole.residues[1]])
+    split = replace(whole, poles=halves[0], residues=halves[1])
+    data = NormalisedSweep.of(OMEGA, split.admittance(OMEGA), np.full(OMEGA.size, 1e4))
+    one = fit(solve_linear(replace(whole, scale=data.scale), data).model, data, tolerance=1e-12)
+    tried = []
+    found = _splits(one, 5, tried)
+    assert min(found, key=lambda f: f.misfit).misfit < 1e-12 * one.misfit
+    near = min(found, key=lambda f: f.misfit).model.poles
+    for pole in halves[0]:
+        assert np.min(np.abs(near - pole)) < 1e-6
+
+
 def test_residual_is_the_relative_error_of_the_impedance():
     truth = two_modes()
     data = NormalisedSweep.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3))
@@ -150,6 +186,18 @@ def test_fisher_spread_is_the_scatter_of_repeated_fits():
     # the relative variance of a sample variance of 150 draws is 2/149; four standard deviations are allowed
     assert np.diag(sample) == pytest.approx(np.diag(stated), rel=4 * np.sqrt(2 / 149))
     assert abs(sample[0, 1]) < 4 * stated[0, 0] / np.sqrt(149) + abs(stated[0, 1])
+
+
+def test_circular_spread_is_that_of_a_circular_sample():
+    """δθ = F w, w circular: Re and Im of w have ½ each, so that F/√2 and jF/√2 are a sample; all cross terms."""
+    rng = np.random.default_rng(3)
+    factor = rng.normal(size=(4, 4)) + 1j * rng.normal(size=(4, 4))
+    gradients = rng.normal(size=(3, 4)) + 1j * rng.normal(size=(3, 4))
+    sample = Spread(np.hstack([factor, 1j * factor]) / np.sqrt(2), circular=False)
+    found = Spread(factor, circular=True)
+    np.testing.assert_allclose(found.covariance(gradients), sample.covariance(gradients), rtol=1e-12, atol=1e-12)
+    sizes = [found.size(one) ** 2 for one in gradients]
+    assert sizes == pytest.approx(np.diag(found.covariance(gradients)).reshape(3, 2).sum(axis=1))
 
 
 def test_sample_spread_is_a_plain_covariance():

@@ -12,6 +12,7 @@ import re
 import numpy as np
 import pytest
 from rich.console import Console
+from scipy.optimize import bisect
 from scipy.special import jv
 
 import femu_piezo as fp
@@ -61,6 +62,8 @@ def ring(f, radius=8e-3):
 KP2 = (2 * D31**2 / ((S11 + S12) * EPS33)).real
 K31, K33, K15 = (np.sqrt(abs(d**2 / (s * e))) for d, s, e in ((D31, S11, EPS33), (D33, S33, EPS33), (D15, S44, EPS11)))
 COMMON = {"gap": GAP, "area": AREA, "density": RHO}
+#: First root of η J0(η) = (1 − σ) J1(η) for σ = 0.3125, by bisection.
+ETA = bisect(lambda eta: eta * jv(0, eta) - 0.6875 * jv(1, eta), 1.5, 2.4)
 CASES = {
     "k31 bar": (
         Piece("k31 bar", LENGTH, **COMMON),
@@ -72,25 +75,47 @@ CASES = {
         Piece("k33 bar", 12e-3, gap=12e-3, area=4e-6, density=RHO),
         lambda f: along(f, S33, D33, EPS33, 12e-3, 4e-6),
         np.r_[np.linspace(800, 1200, 9), np.linspace(85e3, 190e3, 500)],
-        {"k33": K33, "s33": 20e-12, "d33": 590e-12, "eps33T": 3e-8, "s33D": 20e-12 * (1 - K33**2)},
+        {
+            "k33": K33,
+            "s33": 20e-12,
+            "d33": 590e-12,
+            "eps33T": 3e-8,
+            "s33D": 20e-12 * (1 - K33**2),
+            "N3": 0.5 / np.sqrt(RHO * 20e-12 * (1 - K33**2)),
+        },
     ),
     "shear": (
         Piece("shear plate", GAP, **COMMON),
         lambda f: along(f, S44, D15, EPS11, GAP, AREA),
         np.r_[np.linspace(800, 1200, 9), np.linspace(700e3, 1.3e6, 500)],
-        {"k15": K15, "s44": 43e-12, "d15": 740e-12, "eps11T": 2.7e-8},
+        {
+            "k15": K15,
+            "s44": 43e-12,
+            "d15": 740e-12,
+            "eps11T": 2.7e-8,
+            "c44D": 1 / (43e-12 * (1 - K15**2)),
+            "N15": 0.5 / np.sqrt(RHO * 43e-12 * (1 - K15**2)),
+        },
     ),
     "disk, two modes": (
         Piece("disk", 20e-3, gap=GAP, area=np.pi * 1e-4, density=RHO, poisson=0.2),  # σ is found: 0.3125
         disk,
         np.r_[np.linspace(800, 1200, 9), np.linspace(85e3, 320e3, 1500)],
-        {"kp": np.sqrt(KP2), "s11": 16e-12, "d31": -270e-12, "eps33T": 3e-8, "poisson": 0.3125, "k31": K31},
+        {
+            "kp": np.sqrt(KP2),
+            "s11": 16e-12,
+            "d31": -270e-12,
+            "eps33T": 3e-8,
+            "poisson": 0.3125,
+            "k31": K31,
+            "Np": ETA / (np.pi * np.sqrt(RHO * 16e-12 * (1 - 0.3125**2))),
+        },
     ),
     "ring": (
         Piece("ring", 16e-3, **COMMON),
         ring,
         np.r_[np.linspace(800, 1200, 9), np.linspace(45e3, 75e3, 500)],
-        {"k31": K31, "s11": 16e-12, "d31": -270e-12, "eps33T": 3e-8},
+        {"k31": K31, "s11": 16e-12, "d31": -270e-12, "eps33T": 3e-8, "N_ring": 1 / (np.pi * np.sqrt(RHO * 16e-12))},
     ),
 }
 
@@ -134,7 +159,7 @@ def test_thickness_mode_gives_stiffness_and_coupling():
         found["C_T"]
 
 
-@pytest.mark.parametrize("name", ["k31 bar", "k33 bar", "shear", "ring"])
+@pytest.mark.parametrize("name", ["k31 bar", "k33 bar", "shear", "disk, two modes", "ring"])
 def test_capacitance_from_frequencies_near_the_resonance(name):
     """Without low frequencies C^T follows from the formula of the body, which is exact here; a note says so."""
     piece, admittance, frequency, truth = CASES[name]
@@ -172,6 +197,15 @@ def test_six_frequencies_by_their_definitions():
     crossings = grid[:-1][np.diff(np.sign((1 / y).imag)) != 0]
     assert [found.fr, found.fa] == pytest.approx(crossings, abs=0.02)
     assert found.fm < found.fs < found.fr < found.fa < found.fp < found.fn
+
+
+def test_quality_by_the_impedance_at_resonance_is_that_of_the_branch():
+    """EN 50324-2: of C0 with a branch C1, R1, where fp²/fs² = 1 + C1/C0, the formula is 1/(2π fs R1 C1)."""
+    frequency = np.r_[np.linspace(800, 1200, 9), np.linspace(90e3, 115e3, 400)]
+    found = figures_of(Piece("other", 1.0, None, None, 1.0), circuit, frequency)
+    assert found["Qm_Z"].value == pytest.approx(1 / (2e5 * np.pi * 40.0 * 1e-10), rel=1e-3)
+    assert found["C_T"].value == pytest.approx(1.1e-9, rel=1e-4)
+    assert found["k_eff"].value == pytest.approx(np.sqrt(1 / 11), rel=1e-4)
 
 
 def test_a_curve_that_never_crosses_zero_reactance_has_no_fr():
