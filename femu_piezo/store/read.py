@@ -50,10 +50,15 @@ def _last(connection: Connection, step: str, lots: Sequence[str]) -> dict[str, d
     lots : only of pieces that have a result in one of these; of all where there are none
     """
     results, inputs, sweeps = schema.results, schema.inputs, schema.sweeps
-    last = select(func.max(results.c.id)).where(results.c.step == step).group_by(results.c.piece)
+    place = func.row_number().over(
+        partition_by=results.c.piece, order_by=(results.c.written.desc(), results.c.id.desc())
+    )
+    ordered = select(results.c.id, place.label("place")).where(results.c.step == step)
     if lots:
         named = select(results.c.piece).join(schema.lots).where(schema.lots.c.name.in_(lots))
-        last = last.where(results.c.piece.in_(named))
+        ordered = ordered.where(results.c.piece.in_(named))
+    every = ordered.subquery()
+    last = select(every.c.id).where(every.c.place == 1)
     names = ("piece", "name", "status", "reason", "columns", "written", "station", "program")
     query = (
         select(

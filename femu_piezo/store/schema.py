@@ -56,7 +56,7 @@ sweeps = Table(
     Column("measured", DateTime, nullable=False, index=True),
 )
 #: piece, assumed : SHA-256 of all sweeps and of all descriptions; one result for each step and program.
-#: columns : the row of a lot's table; record : update.json or diagnosis.json.
+#: written : when a command last came to it; columns : the row of a lot's table; record : update.json or diagnosis.json.
 results = Table(
     "results",
     metadata,

@@ -33,7 +33,8 @@ _EVERY_S, _MOST = 2.0, 200
 def write(database: Database, entries: Sequence[Entry], lot: str | None = None) -> int:
     """Write results in one transaction; the number of new ones.
 
-    A result of the same sweeps, descriptions, step and program as one in the database is not written again.
+    A result of the same sweeps, descriptions, step and program as one in the database is not written again, but is the
+    last one of its piece from now on.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def _write(connection: Connection, entries: Sequence[Entry], lot: str | None) ->
     for entry in sorted(entries, key=lambda one: one.key):  # one order of locks for all, or two writers may deadlock
         result = None if entry.key in known else _new_result(connection, entry, lots.get(lot))
         if result is None:
-            _put_in_lot(connection, entry, lots.get(lot))
+            _made_last(connection, entry, lots.get(lot))
             continue
         new += 1
         inputs = [
@@ -181,7 +182,7 @@ def _new_result(connection: Connection, entry: Entry, lot_id: int | None) -> int
         "name": entry.name,
         "status": entry.status,
         "reason": entry.reason,
-        "written": datetime.now(UTC).replace(tzinfo=None),
+        "written": _now(),
         "station": socket.gethostname(),
         "columns": entry.columns,
         "record": entry.record,
@@ -190,12 +191,17 @@ def _new_result(connection: Connection, entry: Entry, lot_id: int | None) -> int
     return connection.execute(_insert_once(connection, table).values(row).returning(table.c.id)).scalar()
 
 
-def _put_in_lot(connection: Connection, entry: Entry, lot_id: int | None) -> None:
-    """Move a result of the database to the lot, where one is named."""
-    if lot_id is not None:
-        table = schema.results
-        same = [table.c[name] == value for name, value in zip(KEY, entry.key, strict=True)]
-        connection.execute(update(table).where(*same, table.c.lot_id.is_distinct_from(lot_id)).values(lot_id=lot_id))
+def _made_last(connection: Connection, entry: Entry, lot_id: int | None) -> None:
+    """Make a result of the database the last one of its piece again, in the lot, where one is named."""
+    table = schema.results
+    same = [table.c[name] == value for name, value in zip(KEY, entry.key, strict=True)]
+    lot = {} if lot_id is None else {"lot_id": lot_id}
+    connection.execute(update(table).where(*same).values(written=_now(), **lot))
+
+
+def _now() -> datetime:
+    """The time, UTC without a zone."""
+    return datetime.now(UTC).replace(tzinfo=None)
 
 
 def _ids(connection: Connection, table: Table, key: str, rows: Sequence[dict[str, Any]]) -> dict[str, int]:

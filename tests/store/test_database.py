@@ -97,6 +97,17 @@ def test_the_same_result_is_kept_once_in_its_latest_lot(address):
     assert counted(address)["results"] == 3
 
 
+def test_the_last_result_of_a_piece_is_that_of_the_last_command(address):
+    """A density is changed in the specimen file and changed back: the result of the first file counts again."""
+    database = Database(address, Path())
+    for program in ("with the first file", "with another file", "with the first file"):
+        write(database, [entry(1, program=program, s11=16e-12 if "first" in program else 17e-12)])
+        (row,) = read_pieces(database)
+        assert (row["program"], row["s11"]) == (program, 16e-12 if "first" in program else 17e-12)
+    database.close()
+    assert counted(address)["results"] == 2
+
+
 def test_names_of_any_characters_are_kept(address):
     import dataclasses
 
