@@ -123,6 +123,15 @@ def test_abaqus_columns_stand_where_its_manual_has_them():
     assert third == [EPS[i, j].real for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
 
 
+@pytest.mark.parametrize("name", ["07 disk, blue", "Scheibe é 3", "a" * 120, "_"])
+def test_names_are_labels_of_abaqus(name):
+    """Abaqus, Input Syntax Rules: 1 to 80 characters, of which the first is a letter; here no others than ASCII."""
+    lines = PROGRAMS["abaqus"].write(MATERIAL, RHO, name).splitlines()
+    (found,) = (line.removeprefix("*MATERIAL, NAME=") for line in lines if line.startswith("*MATERIAL"))
+    assert re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,79}", found)
+    assert name[-4:] in found or len(name) > 80 or not name.isascii()
+
+
 def test_comsol_and_opencfs_are_complex_in_ieee_order():
     comsol = text("comsol")
     for i, p in enumerate(IEEE):

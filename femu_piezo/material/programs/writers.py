@@ -180,12 +180,18 @@ def _abaqus(material: StressCharge, density: float, name: str, origin: Sequence[
         ],
     )
     rows = [f"** {line}" for line in notes]
-    rows += [f"*MATERIAL, NAME={re.sub(r'[^A-Za-z0-9_]', '_', name)}", "*DENSITY", repr(density)]
+    rows += [f"*MATERIAL, NAME={_label(name)}", "*DENSITY", repr(density)]
     rows += ["*ELASTIC, TYPE=ANISOTROPIC", *_eights([float(m.stiffness[i, j].real) for i, j in _COLUMNS])]
     rows += ["*PIEZOELECTRIC, TYPE=S", *_eights([float(v) for v in m.piezoelectric.real.ravel()])]
     three = [(i, j) for i, j in _COLUMNS if j < 3]
     rows += ["*DIELECTRIC, TYPE=ANISO", *_eights([float(m.permittivity[i, j].real) for i, j in three])]
     return "\n".join([*rows, f"*DAMPING, STRUCTURAL={_mean_loss(m.stiffness, 1.0)!r}", ""])
+
+
+def _label(name: str) -> str:
+    """A name as Abaqus takes it: letters, digits and underscores, a letter first, 80 at most."""
+    text = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return (text if text[:1].isalpha() else f"PIEZO_{text}")[:80]
 
 
 def _eights(values: list[float]) -> list[str]:
