@@ -23,7 +23,6 @@ from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 Connection = Literal["reflection", "series", "shunt"]
-CONNECTIONS = ("reflection", "series", "shunt")
 #: Median difference of S11 from that of a piece in series or shunt, from which on the connection is not accepted.
 _UNLIKE = 0.2
 #: Noise of S below which no instrument measured it: what is seen is the rounding of the file.

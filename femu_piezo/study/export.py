@@ -27,12 +27,13 @@ def constants_of_record(path: Path) -> tuple[PiezoConstants, float | None, str, 
     try:
         record = read_json(path, _LARGEST_FILE, what)
         found = {name: record["constants"][name] for name in D_FORM}
-        values = {name: complex(one["value"] * (1 - 1j * one["tan"])) for name, one in found.items()}
+        values, tangents = ({name: one[key] for name, one in found.items()} for key in ("value", "tan"))
+        constants = PiezoConstants.from_real(values, tangents)
         density = record["specimens"][0].get("density")
         known = None if density is None else float(density)
-        if not np.all(np.isfinite([*values.values(), 0.0 if known is None else known])):
+        if not np.all(np.isfinite([*constants.vector(), 0.0 if known is None else known])):
             raise ValueError("not finite")
-        return PiezoConstants(**values), known, str(record["specimen"]), tuple(map(str, record.get("parameters", ())))
+        return constants, known, str(record["specimen"]), tuple(map(str, record.get("parameters", ())))
     except (ValueError, KeyError, TypeError, IndexError, AttributeError):
         raise InputError(f"{path}: this is not {what}") from None
 

@@ -1,1 +1,1 @@
-"""The constants of a material as files of other programs, and back: `writers.PROGRAMS` by name."""
+"""The constants of a material as files of other programs: `writers.PROGRAMS` by name."""

@@ -1,14 +1,11 @@
 """Material files of other programs: full stress-charge matrices, density, name, and notes on order, sign and loss.
 
-Every writer turns a `StressCharge` into text; every reader turns that text into a `StressCharge` again. Losses follow
-s, d, ε = value (1 − j tan) under exp(+jωt): a lossy stiffness has Im c > 0, a lossy e or ε has Im of opposite sign to
-Re.
+Every writer turns a `StressCharge` into text. Losses follow s, d, ε = value (1 − j tan) under exp(+jωt): a lossy
+stiffness has Im c > 0, a lossy e or ε has Im of opposite sign to Re.
 """
 
 from __future__ import annotations
 
-import ast
-import json
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
@@ -18,7 +15,6 @@ import numpy as np
 
 from femu_piezo.errors import InputError
 from femu_piezo.files import json_text
-from femu_piezo.material.constants import EPS0
 from femu_piezo.material.conversion import StressCharge
 
 _TRIANGLE = [(i, j) for i in range(6) for j in range(i, 6)]
@@ -33,16 +29,12 @@ class Program:
     Attributes
     ----------
     title : its name;  suffix : of its files
-    complex : whether it takes complex constants, so that every element has its own loss
     write : (matrices, density in kg/m³, name, sentences on the origin of the constants) → text
-    read : text → (matrices, density), real where not `complex`
     """
 
     title: str
     suffix: str
-    complex: bool
     write: Callable[[StressCharge, float, str, Sequence[str]], str]
-    read: Callable[[str], tuple[StressCharge, float]]
 
 
 def _notes(order: str, more: Sequence[str]) -> list[str]:
@@ -58,17 +50,6 @@ def _mean_loss(matrix: np.ndarray, sign: float) -> float:
     """Loss factor of a matrix (n, n): sign · Im/Re of its trace."""
     trace = np.trace(matrix)
     return float(sign * trace.imag / trace.real)
-
-
-def _symmetric(values: Sequence[complex], places: Sequence[tuple[int, int]], size: int) -> np.ndarray:
-    matrix = np.zeros((size, size), dtype=complex)
-    for value, (i, j) in zip(values, places, strict=True):
-        matrix[i, j] = matrix[j, i] = value
-    return matrix
-
-
-def _numbers(lines: Sequence[str]) -> list[float]:
-    return [float(cell) for line in lines for cell in line.split(",") if cell.strip()]
 
 
 # COMSOL Multiphysics: a text file of parameters, one a line: name, expression without blanks, description
@@ -100,30 +81,6 @@ def _comsol(material: StressCharge, density: float, name: str, origin: Sequence[
     return "\n".join([*rows, f"rho {density!r}[kg/m^3] density", ""])
 
 
-def _density(pattern: str, text: str) -> float:
-    """The number that a pattern captures, kg/m³; ValueError where the text has no match."""
-    found = re.search(pattern, text, re.MULTILINE)
-    if found is None:
-        raise ValueError("the text has no density")
-    return float(found[1])
-
-
-def _read_comsol(text: str) -> tuple[StressCharge, float]:
-    number = r"[+-]?[\d.]+(?:[eE][+-]?\d+)?"
-    found = {
-        key: complex(float(real), float(imag))
-        for key, real, imag in re.findall(
-            rf"^(\w+) ({number})(?:\[[^\]]*\])?({number})(?:\[[^\]]*\])?\*i", text, re.MULTILINE
-        )
-    }
-    c = _symmetric([found[f"cE{i + 1}{j + 1}"] for i, j in _TRIANGLE], _TRIANGLE, 6)
-    e = np.array([[found[f"e{i + 1}{j + 1}"] for j in range(6)] for i in range(3)])
-    pairs = [(min(pair), max(pair)) for pair in _SIX]
-    eps = _symmetric([found[f"epsr{i + 1}{j + 1}"] for i, j in pairs], pairs, 3)
-    density = _density(rf"^rho ({number})", text)
-    return StressCharge(c, e, eps * EPS0, "comsol"), density
-
-
 # ANSYS Mechanical APDL
 
 
@@ -151,20 +108,6 @@ def _table(values: list[float]) -> list[str]:
     return [
         f"TBDATA,{start + 1},{','.join(map(repr, values[start : start + 6]))}" for start in range(0, len(values), 6)
     ]
-
-
-def _read_ansys(text: str) -> tuple[StressCharge, float]:
-    tables: dict[str, list[float]] = {}
-    current = ""
-    for line in text.splitlines():
-        if line.startswith("TB,"):
-            current = line.split(",")[1]
-            tables[current] = []
-        elif line.startswith("TBDATA,"):
-            tables[current] += [float(cell) for cell in line.split(",")[2:]]
-    density = _density(r"^MP,DENS,1,(\S+)", text)
-    c, eps = _symmetric(tables["ANEL"], _TRIANGLE, 6), _symmetric(tables["DPER"], _SIX, 3)
-    return StressCharge(c, np.reshape(tables["PIEZ"], (6, 3)).T.astype(complex), eps * EPS0, "ansys"), density
 
 
 # Abaqus
@@ -198,23 +141,6 @@ def _eights(values: list[float]) -> list[str]:
     return [", ".join(map(repr, values[start : start + 8])) for start in range(0, len(values), 8)]
 
 
-def _read_abaqus(text: str) -> tuple[StressCharge, float]:
-    blocks: dict[str, list[str]] = {}
-    current = ""
-    for line in text.splitlines():
-        if line.startswith("**"):
-            continue
-        if line.startswith("*"):
-            current = line[1:].split(",")[0]
-            blocks[current] = []
-        else:
-            blocks[current].append(line)
-    c = _symmetric(_numbers(blocks["ELASTIC"]), _COLUMNS, 6)
-    eps = _symmetric(_numbers(blocks["DIELECTRIC"]), [(i, j) for i, j in _COLUMNS if j < 3], 3)
-    e = np.reshape(_numbers(blocks["PIEZOELECTRIC"]), (3, 6)).astype(complex)
-    return StressCharge(c, e, eps, "abaqus"), _numbers(blocks["DENSITY"])[0]
-
-
 # openCFS: a material of mat.xml, real and imaginary parts
 
 
@@ -237,21 +163,6 @@ def _opencfs(material: StressCharge, density: float, name: str, origin: Sequence
             ET.SubElement(tensor, part).text = "\n".join(" ".join(map(repr, row)) for row in values.tolist())
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
-
-
-def _read_opencfs(text: str) -> tuple[StressCharge, float]:
-    root = ET.fromstring(text)
-
-    def numbers(path: str) -> list[float]:
-        return [float(value) for value in root.findtext(path, "").split()]
-
-    def tensor(path: str) -> np.ndarray:
-        columns = 3 if "permittivity" in path else 6
-        real, imag = (np.reshape(numbers(f"{path}/linear/tensor/{part}"), (-1, columns)) for part in ("real", "imag"))
-        return real + 1j * imag
-
-    c, eps, e = (tensor(p) for p in ("mechanical/elasticity", "electric/permittivity", "piezo/piezoCouplingTensor"))
-    return StressCharge(c, e, eps, "ieee"), numbers("mechanical/density/linear/real")[0]
 
 
 # SfePy: a Python module of plain lists
@@ -280,21 +191,6 @@ def _sfepy(material: StressCharge, density: float, name: str, origin: Sequence[s
     return "\n".join([*rows, ""])
 
 
-def _read_sfepy(text: str) -> tuple[StressCharge, float]:
-    found = {
-        target.id: ast.literal_eval(node.value)
-        for node in ast.parse(text).body
-        if isinstance(node, ast.Assign)
-        for target in node.targets
-        if isinstance(target, ast.Name)
-    }
-    c, e, eps = (
-        np.array(found[f"{key}_real"]) + 1j * np.array(found[f"{key}_imag"])
-        for key in ("stiffness", "coupling", "permittivity")
-    )
-    return StressCharge(c, e, eps, "abaqus"), float(found["density"])
-
-
 # JSON
 
 
@@ -317,22 +213,13 @@ def _json(material: StressCharge, density: float, name: str, origin: Sequence[st
     return json_text(record, indent=1)
 
 
-def _read_json(text: str) -> tuple[StressCharge, float]:
-    found = json.loads(text)
-    c, e, eps = (
-        np.array(found[f"{key}_real"]) + 1j * np.array(found[f"{key}_imag"])
-        for key in ("stiffness_Pa", "piezoelectric_C_m2", "permittivity_F_m")
-    )
-    return StressCharge(c, e, eps, "ieee"), float(found["density_kg_m3"])
-
-
 PROGRAMS: dict[str, Program] = {
-    "comsol": Program("COMSOL Multiphysics", "txt", True, _comsol, _read_comsol),
-    "ansys": Program("ANSYS Mechanical APDL", "mac", False, _ansys, _read_ansys),
-    "abaqus": Program("Abaqus", "inp", False, _abaqus, _read_abaqus),
-    "opencfs": Program("openCFS", "xml", True, _opencfs, _read_opencfs),
-    "sfepy": Program("SfePy", "py", True, _sfepy, _read_sfepy),
-    "json": Program("JSON", "json", True, _json, _read_json),
+    "comsol": Program("COMSOL Multiphysics", "txt", _comsol),
+    "ansys": Program("ANSYS Mechanical APDL", "mac", _ansys),
+    "abaqus": Program("Abaqus", "inp", _abaqus),
+    "opencfs": Program("openCFS", "xml", _opencfs),
+    "sfepy": Program("SfePy", "py", _sfepy),
+    "json": Program("JSON", "json", _json),
 }
 
 
