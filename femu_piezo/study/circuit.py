@@ -22,13 +22,14 @@ def circuit_of_sweep(spectrum: ImpedanceSpectrum) -> Circuit:
     """The circuit of a measured sweep, a branch for each resonance within it of the function that was fitted to it.
 
     Poles that the extraction reports as doubtful, or several as one, have a branch each, flagged as doubtful: the curve
-    needs them. InputError where no resonance was found.
+    needs them. Clipped readings are left out. InputError where no resonance was found.
     """
     found = extract(spectrum)
     if found.model is None or not found.resonances.poles:
         raise InputError(
             f"{spectrum.source}: no resonance was found, so there is no branch to make; measure a band that holds one"
         )
+    spectrum = spectrum.select(found.used)
     curve = 1 / found.model.admittance(spectrum.omega)
     name = spectrum.source.replace("\\", "/").rsplit("/", 1)[-1].rsplit(".", 1)[0]
     branches = [_measured_branch(found, index) for index in np.flatnonzero(resonant(found.model))]

@@ -72,6 +72,16 @@ def test_a_circuit_is_recovered_from_its_sweep():
     assert circuit.static_capacitance == pytest.approx(C0, rel=1e-3)
 
 
+def test_clipped_readings_do_not_count():
+    """|Z| below 20 kHz is shown as one value: the circuit and its misfit are those of the other points."""
+    z = noisy(1 / bvd(FREQUENCY), 1e-3, 5)
+    ceiling = np.abs(z[FREQUENCY < 20e3]).min()
+    over = np.abs(z) > ceiling
+    found = fp.circuit(ImpedanceSpectrum(FREQUENCY, np.where(over, z / np.abs(z) * ceiling, z)))
+    assert found.misfit_of_sweep[1] < 0.01
+    assert found.frequency[0] >= 20e3 and found.frequency.size == np.sum(~over) - 1  # the ceiling itself is clipped too
+
+
 def test_stated_deviations_cover_the_truth():
     """20 sweeps with 0.1 % of noise: errors of L, C and R over their deviations are below 4 and have an rms of 0.6
     to 1.5.
