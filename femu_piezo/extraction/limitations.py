@@ -11,6 +11,7 @@ from femu_piezo.extraction.roots import Roots
 from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.units import hertz
 
 CLIPPED_RUN = 4  # so many equal extreme readings side by side are a clipped peak, not chance
 NOISE_ALONE = 2.0  # ratio of the largest resistances of either sign, over |Z|, up to which both are noise
@@ -115,8 +116,8 @@ def find_systematic(systematic: Discrepancy, error: np.ndarray, freedom: int, sw
         Finding(
             "correlated_residual",
             f"the best fit of a passive linear body differs from the sweep by {100 * missed:.2g} % rms, with a scatter "
-            f"of {100 * scatter:.2g} % between neighbouring points; the misfit is largest between {_hertz(low)} and "
-            f"{_hertz(high)} Hz; causes may be the drive level, a drift, a moving contact, the instrument, or modes "
+            f"of {100 * scatter:.2g} % between neighbouring points; the misfit is largest between {hertz(low)} and "
+            f"{hertz(high)} Hz; causes may be the drive level, a drift, a moving contact, the instrument, or modes "
             "too close to be separated; the standard deviations allow for it",
         )
     ]
@@ -128,7 +129,7 @@ def find_doubtful(roots: Roots) -> list[Finding]:
     if not poles:
         return []
     what, verb = ("a mode", "is") if len(poles) == 1 else (f"{len(poles)} modes", "are")
-    places = ", ".join(_hertz(f) for f in poles)
+    places = ", ".join(hertz(f) for f in poles)
     return [
         Finding(
             "doubtful",
@@ -159,7 +160,7 @@ def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
         return [
             Finding(
                 "no_resonance",
-                f"no resonance between {_hertz(low)} and {_hertz(high)} Hz can be distinguished from noise; "
+                f"no resonance between {hertz(low)} and {hertz(high)} Hz can be distinguished from noise; "
                 "measure another band, or average more",
             )
         ]
@@ -173,12 +174,8 @@ def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
 
 def _outside(word: str, kind: str, roots: Roots, end: float) -> str:
     far = [r for r in roots.outside if r.kind == kind]
-    guess = f", at an extrapolated {_hertz(far[0].frequency_Hz)} Hz, which is not reliable" if far else ""
-    return f"a mode has its {word} ({kind}) outside the sweep, beyond {_hertz(end)} Hz{guess}; widen the sweep"
-
-
-def _hertz(frequency: float) -> str:
-    return f"{frequency:.6g}" if frequency < 1e6 else f"{frequency:.0f}"
+    guess = f", at an extrapolated {hertz(far[0].frequency_Hz)} Hz, which is not reliable" if far else ""
+    return f"a mode has its {word} ({kind}) outside the sweep, beyond {hertz(end)} Hz{guess}; widen the sweep"
 
 
 def _longest_run(flags: np.ndarray) -> int:

@@ -16,6 +16,7 @@ from femu_piezo.resonances import Resonance
 from femu_piezo.standards.formulas import disk_poisson
 from femu_piezo.standards.frequencies import Admittance, CharacteristicFrequencies, characteristic_frequencies
 from femu_piezo.standards.piece import WORDS, Piece, material_figures
+from femu_piezo.units import hertz
 
 #: Frequency at which data sheets state capacitance and loss, Hz.
 STATED = 1e3
@@ -291,14 +292,15 @@ def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float
         note = "the sweep starts at a resonance, so it gives no capacitance and no figure that depends on it"
         return None, _Low(at, None, (note,))
     tangent = float(np.interp(at, frequency, y.real / y.imag)) if at <= _LOW * fs else None
+    if piece.kind == "thickness plate" and at > _LOW * fs:
+        note = f"lateral modes lie between {hertz(at)} Hz and the thickness mode, so the sweep gives no capacitance"
+        return None, _Low(at, tangent, (note,))
     notes = ()
     if at != STATED:
         covered = frequency[0] <= STATED <= frequency[-1]
         why = "1 kHz is not far below the resonance" if covered else "the sweep does not include 1 kHz"
         way = "the formula of the body" if piece.kind not in ("other", "thickness plate") else "that of a single mode"
-        notes = (f"{why}: the capacitance at {at:.6g} Hz was extrapolated there by {way}",)
-    if piece.kind == "thickness plate" and at > _LOW * fs:
-        return None, _Low(at, tangent, notes)  # lateral modes lie between this frequency and fs
+        notes = (f"{why}: the capacitance at {hertz(at)} Hz was extrapolated there by {way}",)
     return capacitance / piece.share(at, fs, fp), _Low(at, tangent, notes)
 
 

@@ -157,6 +157,9 @@ def test_thickness_mode_gives_stiffness_and_coupling():
     assert found["Nt"].value == pytest.approx(0.5 * np.sqrt(16e10 / RHO), rel=1e-4)
     with pytest.raises(KeyError):
         found["C_T"]
+    assert found.notes == (
+        "lateral modes lie between 1700000 Hz and the thickness mode, so the sweep gives no capacitance",
+    )
 
 
 @pytest.mark.parametrize("name", ["k31 bar", "k33 bar", "shear", "disk, two modes", "ring"])
