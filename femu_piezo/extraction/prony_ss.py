@@ -71,10 +71,7 @@ def prony_ss(
     *,
     band: tuple[float, float] | None = None,
     extension: Extension | None = None,
-    taper: tuple[float, float] | None = None,
     dead_time: float = DEAD_TIME,
-    hankel_size: int = HANKEL_SIZE,
-    max_order: int = MAX_ORDER,
 ) -> PronySS:
     """Poles of Y (or Z) of a uniform sweep by Prony's method in state space, with growing order.
 
@@ -89,19 +86,19 @@ def prony_ss(
         ω and its transform does not exist.
     band : (low, high) Hz; sets Δt = 1/(2 high) (hermitian) or 1/(high − low) (analytic). A narrower band has
         fewer modes and a coarser Δt, so that the same Hankel size spans more of the decay: better under noise.
-    taper : fractions of the band over which a smooth window rises and falls, (0, 0.25) from near DC, else
-        (0.25, 0.25). A cut-off band would ring like 1/t through the whole signal; the window confines that to
-        the first samples, which are skipped. Modes under the tapers are seen weakly, those under their outer
-        halves are left out. Near DC the constant taken out removes the jump of the imaginary part at ω = 0, which
-        a hysteretic loss has and the extension Y(−ω) = Y(ω)* cannot follow; the remainder decays like 1/t³.
-    dead_time : the time skipped at the start (and end) of the signal, in units of 1/(taper width in Hz), until
+    window : it rises and falls smoothly over a quarter of the band (`TAPER`) at either end, near DC only at the upper
+        one. A cut-off band would ring like 1/t through the whole signal; the window confines that to the first
+        samples, which are skipped. Modes under its ends are seen weakly, those under their outer halves are left
+        out. Near DC the constant taken out removes the jump of the imaginary part at ω = 0, which a hysteretic
+        loss has and the extension Y(−ω) = Y(ω)* cannot follow; the remainder decays like 1/t³.
+    dead_time : the time skipped at the start (and end) of the signal, in units of 1/(width of an end in Hz), until
         the window's own response has decayed. Longer: less leakage of the window, but weaker modes.
     extension : "hermitian" is the paper's Y'(−ω) = Y'(ω)*, a real signal and two exponentials per mode; it
         needs a grid through multiples of its step. "analytic" uses the positive frequencies alone: a complex
         signal, one exponential per mode, any offset. Default: hermitian from near DC, else analytic.
-    hankel_size : rows and columns of H0. Larger: more noise averaged, cost grows with the cube; it should span
-        the decay, 2·size·Δt ≳ 2/(ωη).
-    max_order : highest order; at least twice (hermitian: four times) the number of modes.
+    size of H0 : `HANKEL_SIZE` rows and columns where the signal has as many. Larger: more noise averaged, cost grows
+        with the cube; it should span the decay, 2·size·Δt ≳ 2/(ωη).
+    highest order : `MAX_ORDER`, at least twice (hermitian: four times) the number of modes.
 
     Raises
     ------
@@ -118,7 +115,7 @@ def prony_ss(
             f"{step:.6g} Hz, the band starts at {frequency[0]:.6g} Hz; use extension 'analytic'"
         )
     response = response - (response[0] if near_dc else (response[0] + response[-1]) / 2)
-    taper = taper or ((0.0 if near_dc else TAPER), TAPER)
+    taper = ((0.0 if near_dc else TAPER), TAPER)
     windowed = response * _window(frequency.size, taper)
     if extension == "hermitian":
         half = np.concatenate([np.zeros(round(offset), complex), windowed])
@@ -129,15 +126,15 @@ def prony_ss(
         signal, shift = np.fft.ifft(windowed), 2 * np.pi * frequency[0]
         time_step = 1 / (frequency.size * step)
     span = frequency[-1] - frequency[0]
-    dead = int(np.ceil(dead_time / (min(t for t in taper if t > 0) * span * time_step)))
-    size = min(hankel_size, (signal.size - 2 * dead) // 2)
+    dead = int(np.ceil(dead_time / (TAPER * span * time_step)))
+    size = min(HANKEL_SIZE, (signal.size - 2 * dead) // 2)
     if size < 8:
         raise InputError(
             f"{spectrum.source}: {frequency.size} points in the band leave {max(size, 0)} rows for Prony-SS, "
             "at least 8 are needed; take a finer step, or use the maximum-likelihood method"
         )
     used = signal[dead : dead + 2 * size]
-    by_order, singular = _growing_order(used, size, max_order, time_step, shift)
+    by_order, singular = _growing_order(used, size, time_step, shift)
     low, high = frequency[0] + taper[0] * span / 2, frequency[-1] - taper[1] * span / 2
     diagram = inside(stabilize(kind, by_order, min_column=MIN_COLUMN), low, high)
     start = dead * time_step
@@ -180,7 +177,7 @@ def _window(n: int, taper: tuple[float, float]) -> np.ndarray:
 
 
 def _growing_order(
-    signal: np.ndarray, size: int, max_order: int, time_step: float, shift: float
+    signal: np.ndarray, size: int, time_step: float, shift: float
 ) -> tuple[dict[int, np.ndarray], np.ndarray]:
     """Order → λ (k,), rad²/s², and the singular values of H0.
 
@@ -189,7 +186,7 @@ def _growing_order(
     h0 = hankel(signal[:size], signal[size - 1 : 2 * size - 1])
     h1 = hankel(signal[1 : size + 1], signal[size : 2 * size])
     u, singular, vh = np.linalg.svd(h0)
-    top = min(max_order, int(np.count_nonzero(singular > SINGULAR_FLOOR * singular[0])))
+    top = min(MAX_ORDER, int(np.count_nonzero(singular > SINGULAR_FLOOR * singular[0])))
     root = 1 / np.sqrt(singular[:top])
     a = root[:, None] * (u[:, :top].conj().T @ h1 @ vh[:top].conj().T) * root
     by_order = {}

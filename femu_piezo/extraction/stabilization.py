@@ -24,13 +24,10 @@ class Column:
     Attributes
     ----------
     eigenvalue : λ at the order where it moved least, rad²/s²
-    spread : largest distance from it of the nearer half of the column's λ, rad²/s²; a measure of how well the column
-        has settled, not a standard deviation
     orders : orders the column passes through
     """
 
     eigenvalue: complex
-    spread: float
     orders: tuple[int, ...]
 
 
@@ -54,18 +51,11 @@ class StabilizationDiagram:
     columns: tuple[Column, ...]
 
 
-def stabilize(
-    kind: Kind,
-    by_order: dict[int, np.ndarray],
-    *,
-    frequency_tolerance: float = FREQUENCY_TOLERANCE,
-    loss_tolerance: float = LOSS_TOLERANCE,
-    min_column: int = MIN_COLUMN,
-) -> StabilizationDiagram:
+def stabilize(kind: Kind, by_order: dict[int, np.ndarray], *, min_column: int = MIN_COLUMN) -> StabilizationDiagram:
     """Find the stable columns in the poles of growing orders.
 
-    A pole continues a column of the order below where its frequency agrees within `frequency_tolerance`
-    (relative) and its loss within `loss_tolerance` (relative); the nearest one is taken. Columns of at least
+    A pole continues a column of the order below where its frequency agrees within `FREQUENCY_TOLERANCE`
+    (relative) and its loss within `LOSS_TOLERANCE` (relative); the nearest one is taken. Columns of at least
     `min_column` orders remain.
 
     Parameters
@@ -80,7 +70,7 @@ def stabilize(
         following: list[list[tuple[int, complex]]] = []
         free = list(open_columns)
         for value in sorted(values, key=lambda v: v.real):
-            near = [c for c in free if _agree(c[-1][1], value, frequency_tolerance, loss_tolerance)]
+            near = [c for c in free if _agree(c[-1][1], value)]
             points.append((order, value, bool(near)))
             if near:
                 column = min(near, key=lambda c: abs(c[-1][1] - value))
@@ -134,18 +124,17 @@ def _sanathanan_koerner(data: NormalisedSweep, order: int) -> tuple[np.ndarray, 
     return numerator, denominator
 
 
-def _agree(before: complex, after: complex, frequency_tolerance: float, loss_tolerance: float) -> bool:
+def _agree(before: complex, after: complex) -> bool:
     frequency = abs(np.sqrt(after.real / before.real) - 1)
     loss = abs((after.imag / after.real) / (before.imag / before.real) - 1)
-    return bool(frequency <= frequency_tolerance and loss <= loss_tolerance)
+    return bool(frequency <= FREQUENCY_TOLERANCE and loss <= LOSS_TOLERANCE)
 
 
 def _column(members: list[tuple[int, complex]]) -> Column:
     values = np.array([value for _, value in members])
     moved = np.abs(np.diff(values))
     best = int(np.argmin(moved)) + 1
-    distance = np.sort(np.abs(values - values[best]))
-    return Column(complex(values[best]), float(distance[values.size // 2]), tuple(order for order, _ in members))
+    return Column(complex(values[best]), tuple(order for order, _ in members))
 
 
 def inside(diagram: StabilizationDiagram, low: float, high: float) -> StabilizationDiagram:
