@@ -10,7 +10,7 @@ from femu_piezo.extraction.fit import NormalisedSweep
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, profiled
 from femu_piezo.measurement.discrepancy_forms import Alternatives, matern, smooth
-from femu_piezo.measurement.sweeps import SweepData, stacked
+from femu_piezo.measurement.sweeps import SweepData, noise_memory, stacked
 
 SHARES = (0.0, 1.0)  # of the variance that is due to errors of frequency: none, or all
 
@@ -96,11 +96,30 @@ def systematic_spread(model: RationalModel, data: NormalisedSweep, sweep: SweepD
     The parameters are off by A = (JᴴW²J)⁻¹JᴴW² times the relative errors of Z, J = ∂ log charge/∂θ and W the weights of
     the fit: cov = A (N + K) Aᴴ, N the covariance of the noise and K that of the systematic error.
     """
-    jacobian, k = model.jacobian(data.x) / data.charge[:, None], len(data)
-    size = np.linalg.norm(jacobian, axis=0)
-    q, upper = np.linalg.qr(data.weight[:, None] * jacobian / size)
-    response = np.linalg.solve(upper, q.conj().T) * data.weight / size[:, None]
+    response, k = _response(model, data), len(data)
     level = error.level / sweep.weight
     smooth = (error.columns[:k] + 1j * error.columns[k:]) * level[:, None]
     noise = response * level
     return Spread(np.hstack([noise, 1j * noise, response @ smooth]), circular=False)
+
+
+def correlated_spread(model: RationalModel, data: NormalisedSweep, sweep: SweepData) -> Spread | None:
+    """Second moments of the errors of the parameters of a fit that leaves noise with correlated neighbours.
+
+    A N Aᴴ with A as in `systematic_spread`, N = L Lᵗ that of an autoregression. None where the residual is no such
+    noise. The fit follows a part of it: of 401 points with a correlation of 0.9 between neighbours the deviations are
+    up to 1.3 times too small, of 0.7 they are right.
+    """
+    residual = (model.charge(data.x) / data.charge - 1) / sweep.relative_noise
+    memory, size = noise_memory(residual, model.size, sweep.noise_known)
+    if not memory:
+        return None
+    return Spread(memory.coloured_transposed((_response(model, data) * size * sweep.relative_noise).T).T, circular=True)
+
+
+def _response(model: RationalModel, data: NormalisedSweep) -> np.ndarray:
+    """(p, k) A: changes of the parameters of a fit by relative errors of Z."""
+    jacobian = model.jacobian(data.x) / data.charge[:, None]
+    size = np.linalg.norm(jacobian, axis=0)
+    q, upper = np.linalg.qr(data.weight[:, None] * jacobian / size)
+    return np.linalg.solve(upper, q.conj().T) * data.weight / size[:, None]

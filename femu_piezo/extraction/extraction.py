@@ -8,7 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.extraction.covariance import errors_about, fisher_spread, systematic_error, systematic_spread
+from femu_piezo.extraction.covariance import (
+    correlated_spread,
+    errors_about,
+    fisher_spread,
+    systematic_error,
+    systematic_spread,
+)
 from femu_piezo.extraction.fit import ROUNDING, Fit, NormalisedSweep, refit, solve_linear
 from femu_piezo.extraction.likelihood import maximum_likelihood, noise_of
 from femu_piezo.extraction.limitations import (
@@ -94,7 +100,8 @@ def _extract(
         if systematic:
             points = _points(sweep)
             result, discrepancy = _most_probable((*estimate.intermediate_fits, result), data, points)
-            spread = systematic_spread(result.model, data, points, discrepancy)
+            alone = correlated_spread(result.model, data, points)
+            spread = systematic_spread(result.model, data, points, discrepancy) if alone is None else alone
             noise = noise if noise.origin == "file" else replace(noise, relative=result.scale)
             findings += find_systematic(discrepancy, result.residual / data.weight, result.degrees_of_freedom, points)
         roots = resonances(result.model, spread, band, systematic=systematic)

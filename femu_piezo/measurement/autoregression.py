@@ -79,6 +79,16 @@ class Autoregression:
             found[point] = phi @ found[point - phi.size : point][::-1] + deviation * white[point]
         return found
 
+    def coloured_transposed(self, values: np.ndarray) -> np.ndarray:
+        """Lᵗ v (k, …) of values v (k, …), with L the matrix of `coloured`, n = L e."""
+        found = np.array(values)
+        for point in range(len(values) - 1, 0, -1) if self else ():
+            phi, deviation = self.predictor(min(point, len(self.correlations)))
+            for lag, coefficient in enumerate(phi, start=1):
+                found[point - lag] += coefficient * found[point]
+            found[point] *= deviation
+        return found
+
 
 @lru_cache(maxsize=64)
 def _predictor(correlations: tuple[float, ...]) -> tuple[np.ndarray, float]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from femu_piezo.measurement.autoregression import Autoregression
+from femu_piezo.measurement.autoregression import WHITE, Autoregression, autoregression
 from femu_piezo.threads import made_once
 
 #: Bands of each sweep in the leave-band-out prediction.
@@ -14,6 +14,8 @@ _BANDS = 10
 #: Standard deviation of the logarithm of a noise level that was given, and of one estimated from the roughness of the
 #: sweep (tests/measurement/test_noise.py).
 _GIVEN, _ESTIMATED = 0.02, 0.15
+#: Standard deviations of the noise level within which a residual counts as noise.
+_ALIKE = 3.0
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,26 @@ class SweepData:
 def level_std(noise_known: bool) -> float:
     """Standard deviation of the logarithm of the noise level of a sweep, given with the data or estimated."""
     return _GIVEN if noise_known else _ESTIMATED
+
+
+def noise_memory(residual: np.ndarray, parameters: int, noise_known: bool) -> tuple[Autoregression, float]:
+    """The autoregression of a residual that may be noise, and its rms over the noise; white noise and 1 for others.
+
+    It may be noise if it is as large as the noise that was given, or, without what neighbours predict, as the roughness
+    of the sweep.
+
+    Parameters
+    ----------
+    residual : (k,) complex, over sqrt(E|δZ/Z|²);  parameters : complex ones that were fitted
+    """
+    freedom, memory = residual.size - parameters, autoregression(residual)
+    if not memory or freedom <= 0:
+        return WHITE, 1.0
+    size = float(np.sqrt(np.sum(np.abs(residual) ** 2) / freedom))
+    alone = size if noise_known else size * memory.predictor(len(memory.correlations))[1]
+    if abs(np.log(alone)) > _ALIKE * np.hypot(level_std(noise_known), 1 / np.sqrt(freedom)):
+        return WHITE, 1.0
+    return memory, size
 
 
 def stacked(values: np.ndarray) -> np.ndarray:

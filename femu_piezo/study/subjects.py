@@ -11,9 +11,9 @@ from femu_piezo.effects.effect import Effect, EffectContext
 from femu_piezo.effects.library import Maker, effects_of, library, listed
 from femu_piezo.errors import InputError
 from femu_piezo.inference.ensemble import Share, is_common, with_owner
-from femu_piezo.measurement.autoregression import WHITE, Autoregression, autoregression
+from femu_piezo.measurement.autoregression import WHITE, Autoregression
 from femu_piezo.measurement.noise import estimate_noise
-from femu_piezo.measurement.sweeps import level_std
+from femu_piezo.measurement.sweeps import noise_memory
 from femu_piezo.study.effects import effect_context, known_effects
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.problem import Problem
@@ -21,8 +21,6 @@ from femu_piezo.threads import made_once
 
 #: Relative error of Z that meshes and bases leave at least: sweeps are not taken to be more exact than the model.
 LEAST_ERROR = 1e-5
-#: Standard deviations of the noise level within which the residual of an extraction counts as noise.
-_ALIKE = 3.0
 
 
 @dataclass(frozen=True)
@@ -197,8 +195,8 @@ def _relative_noise(measured: Measured) -> np.ndarray:
 def _noise_memory(measured: Measured, noise: np.ndarray) -> tuple[Autoregression, float]:
     """Autoregression of neighbouring errors of a sweep, and the factor by which its noise exceeds `noise`.
 
-    Both follow from the residual of the extraction, which needs no finite elements, if that may be noise: if it is as
-    large as the file says, or, without what neighbours predict, as the roughness of the sweep. Else white noise and 1.
+    Both follow from the residual of the extraction, which needs no finite elements, if that may be noise
+    (`femu_piezo.measurement.sweeps.noise_memory`). Else white noise and 1.
 
     noise : (k,) relative, of the fitted part
     """
@@ -206,12 +204,5 @@ def _noise_memory(measured: Measured, noise: np.ndarray) -> tuple[Autoregression
     if found.model is None:
         return WHITE, 1.0
     residual = (np.log(found.impedance / measured.fitted.impedance) / noise)[found.used]
-    freedom = residual.size - found.model.size
-    memory = autoregression(residual)
-    if not memory or freedom <= 0:
-        return WHITE, 1.0
-    size = float(np.sqrt(np.sum(np.abs(residual) ** 2) / freedom))
-    alone = size if measured.noise_known else size * memory.predictor(len(memory.correlations))[1]
-    if abs(np.log(alone)) > _ALIKE * np.hypot(level_std(measured.noise_known), 1 / np.sqrt(freedom)):
-        return WHITE, 1.0
+    memory, size = noise_memory(residual, found.model.size, measured.noise_known)
     return memory, 1.0 if measured.noise_known else size

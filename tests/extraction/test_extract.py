@@ -11,7 +11,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.order import is_passive
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from tests.noise import noisy
+from tests.noise import circular_noise, noisy
 
 from .bar import Bar, sweep
 
@@ -67,6 +67,25 @@ def test_noise_is_learned_from_the_sweep():
     both = extract(sweep(BAR, np.linspace(28e3, 48e3, 1601), relative=1e-3, additive=2.0, seed=2))
     assert both.noise.relative == pytest.approx(1e-3, rel=0.15)
     assert both.noise.additive == pytest.approx(2.0, rel=0.15)
+
+
+def test_deviations_count_the_correlation_of_neighbours():
+    """Noise of 0.1 % with correlations of 0.7 per step, over seven octaves: |δλ| over its deviation, 16 sweeps.
+
+    As a smooth error of the frequency such noise would make the deviations a hundred times too large.
+    """
+    frequency, pulls = np.linspace(500, 60e3, 401), []
+    for seed in range(16):
+        white, noise = circular_noise(frequency.size, 1e-3, seed), np.zeros(frequency.size, complex)
+        noise[0] = white[0]
+        for k in range(1, noise.size):
+            noise[k] = 0.7 * noise[k - 1] + np.sqrt(1 - 0.7**2) * white[k]
+        found = extract(ImpedanceSpectrum(frequency, BAR.impedance(frequency) * (1 + noise)))
+        pole = found.resonances.poles[0]
+        assert pole.std_Hz < 1
+        pulls.append(abs(pole.eigenvalue - BAR.pole(1)) / np.sqrt(np.trace(pole.covariance)))
+    # |δλ|² over its mean: the mean of 32 squared Gaussian errors is within 1 ± 3 √(2/32)
+    assert 1 - 3 * np.sqrt(2 / 32) < np.mean(np.square(pulls)) < 1 + 3 * np.sqrt(2 / 32)
 
 
 def test_noise_of_the_file_is_used_and_doubted():

@@ -65,6 +65,16 @@ def test_transposed_whitening_is_that_of_the_matrix(count: int) -> None:
     np.testing.assert_allclose(MEMORY.transposed(values), MEMORY.whitened(np.eye(count)).T @ values, atol=1e-14)
 
 
+@pytest.mark.parametrize("count", [1, 3, 40])
+def test_transposed_colouring_is_that_of_the_matrix(count: int) -> None:
+    """L is the inverse of the matrix of whitening."""
+    memory, rng = Autoregression((0.8, 0.5, 0.3)), np.random.default_rng(4)
+    matrix = np.linalg.inv(memory.whitened(np.eye(count)))
+    values = rng.normal(size=(count, 2)) + 1j * rng.normal(size=(count, 2))
+    assert memory.coloured_transposed(values) == pytest.approx(matrix.T @ values, rel=1e-9)
+    assert WHITE.coloured_transposed(values) == pytest.approx(values)
+
+
 @pytest.mark.parametrize("neighbours", [2, 3, 4])
 def test_smoothed_noise_is_recognised_and_whitened(neighbours: int) -> None:
     """Correlations of a moving average fall linearly with the distance; whitened, neighbours are uncorrelated and
