@@ -23,6 +23,9 @@ from femu_piezo.geometry.domain import Domain
 if TYPE_CHECKING:
     from femu_piezo.forward.model import ElectroelasticModel
 
+#: Component of a direction below which it is rounding.
+_ROUNDING = 1e-9
+
 
 def boundary_dofs(basis: skfem.Basis, names: tuple[str, ...]) -> np.ndarray:
     """(k,) degrees of freedom of a scalar basis on named boundaries, without repetition."""
@@ -56,7 +59,9 @@ def prolongation(basis: skfem.Basis, domain: Domain, potential_scale: float) -> 
 
 @dataclass(frozen=True)
 class Faces:
-    """Gauss points on the electrodes of a computed part that are faces of the body; the third axis is normal to them.
+    """Gauss points on the electrodes of a computed part that are faces of the body.
+
+    Displacements are those along two axes in the face and along its normal, in this order, then comes the potential.
 
     Attributes
     ----------
@@ -82,7 +87,7 @@ def of_field(matrix: sp.csr_matrix, field: int) -> sp.csr_matrix:
 
 
 def electrode_faces(model: ElectroelasticModel) -> Faces:
-    """The faces of a model whose electrodes are normal to z.
+    """The electrodes of a model that are faces of the body, whichever way they face.
 
     A plane of antisymmetric potential is not among them: it is a ground of the part but no face of the body.
     """
@@ -98,19 +103,39 @@ def electrode_faces(model: ElectroelasticModel) -> Faces:
         columns, some = np.broadcast_to(dofs[:, None], local.shape), local != 0
         return sp.csr_matrix((local[some], (rows[some], columns[some])), shape=(points, basis.N))
 
+    axes = _axes_of_faces(np.broadcast_to(on.normals, (3, *on.dx.shape)).reshape(3, -1))
     value = matrix(lambda shape: shape)
-    slopes = [matrix(lambda shape, axis=axis: shape.grad[axis]) for axis in range(2)]
-    return Faces(
-        on.dx.ravel(),
-        [of_field(value, field) for field in range(FIELDS)],
-        [[of_field(slope, field) for slope in slopes] for field in range(FIELDS)],
-    )
+    gradient = [matrix(lambda shape, axis=axis: shape.grad[axis]) for axis in range(3)]
+    slopes = [_along(axis, gradient) for axis in axes[:2]]
+
+    def fields(scalar: sp.csr_matrix) -> list[sp.csr_matrix]:
+        whole = [of_field(scalar, field) for field in range(FIELDS)]
+        return [*(_along(axis, whole[:3]) for axis in axes), whole[3]]
+
+    by_axis = [fields(slope) for slope in slopes]
+    return Faces(on.dx.ravel(), fields(value), [list(both) for both in zip(*by_axis, strict=True)])
+
+
+def _axes_of_faces(normal: np.ndarray) -> np.ndarray:
+    """(3, 3, q) two axes in a face and its normal, at points with normals (3, q); x, y, z where that is along z."""
+    least = np.where(np.abs(normal[0]) < 0.9, 0, 1)  # x, or y where the normal is nearly along x
+    first = np.eye(3)[least].T - normal[least, np.arange(least.size)] * normal
+    first = first / np.linalg.norm(first, axis=0)
+    second = np.cross(normal, first, axis=0)
+    found = np.array([first, second, normal])
+    found[np.abs(found) < _ROUNDING] = 0.0
+    return found
+
+
+def _along(axis: np.ndarray, components: Sequence[sp.csr_matrix]) -> sp.csr_matrix:
+    """The component (q, k) along an axis (3, q) that differs from point to point, from those along x, y and z."""
+    return sum(sp.diags(share) @ part for share, part in zip(axis, components, strict=True) if np.any(share)).tocsr()
 
 
 def electrode_film(faces: Faces, directions: tuple[int, ...] = (0, 1, 2)) -> sp.csr_matrix:
     """∫ v·u over the electrodes, (4n, 4n), m² per unit of displacement².
 
-    directions : components of u in the product
+    directions : components of u in the product: 0 and 1 in the face, 2 along its normal
     """
     return sum(faces.product(faces.values[f], faces.values[f]) for f in directions)
 
@@ -118,7 +143,7 @@ def electrode_film(faces: Faces, directions: tuple[int, ...] = (0, 1, 2)) -> sp.
 def electrode_membrane(faces: Faces, poisson: float) -> sp.csr_matrix:
     """Membrane stiffness of a film in plane stress on the electrodes, (4n, 4n), per N/m of E h/(1 − ν²).
 
-    ∫ ε_xx² + ε_yy² + 2ν ε_xx ε_yy + (1 − ν)/2 γ_xy² dS as a quadratic form
+    ∫ ε_xx² + ε_yy² + 2ν ε_xx ε_yy + (1 − ν)/2 γ_xy² dS as a quadratic form, x and y in the face
     """
     along, across = faces.slopes[0][0], faces.slopes[1][1]
     shear = faces.slopes[0][1] + faces.slopes[1][0]
