@@ -31,6 +31,8 @@ _LARGEST_FILE = 500_000_000
 _LEAST_MEMORY, _MEMORY_PER_BYTE = 256_000_000, 16
 _SUPPORTED = ("hexahedron27", "tetra10", "hexahedron", "tetra")
 _SURFACE_ONLY = {"triangle", "quad", "triangle6", "quad8", "quad9"}
+#: Share of a length below which it is zero but for rounding.
+_FLAT = 1e-6
 #: Extents in m outside which the unit is probably wrong.
 _PLAUSIBLE = (2e-5, 1.0)
 
@@ -96,16 +98,34 @@ class MeshFile:
         return boundary_area(self.mesh, "hot") * 2 ** len(self.mirrors)
 
     @property
+    def field_direction(self) -> tuple[float, float, float]:
+        """(3,) unit vector of the field: the mean normal of the hot electrode.
+
+        Where the electrodes face the same way, as on one face of the body, it is the line between their centres.
+        """
+        return unit_direction(self._between_electrodes)
+
+    @property
     def electrode_gap(self) -> float:
-        """Distance between the centres of the electrodes along the poling, m; in space where that is zero."""
-        centers = [skfem.FacetBasis(self.mesh, self.mesh.elem(), facets=name) for name in ("hot", "ground")]
-        means = [
-            np.sum(np.asarray(basis.global_coordinates()) * basis.dx, axis=(1, 2)) / np.sum(basis.dx)
-            for basis in centers
-        ]
-        apart = means[0] - means[1]
-        along = abs(float(apart @ np.array(self.poling_direction)))
-        return along or float(np.linalg.norm(apart))
+        """Distance between the centres of the electrodes along the field, m."""
+        return float(np.linalg.norm(self._between_electrodes))
+
+    @made_once
+    def _between_electrodes(self) -> np.ndarray:
+        """(3,) from the centre of the ground electrode to that of the hot one, its part along the field, m."""
+        bases = [skfem.FacetBasis(self.mesh, self.mesh.elem(), facets=name) for name in ("hot", "ground")]
+        hot, ground = (
+            np.sum(np.asarray(basis.global_coordinates()) * basis.dx, axis=(1, 2)) / np.sum(basis.dx) for basis in bases
+        )
+        normal = np.sum(np.asarray(bases[0].normals) * bases[0].dx, axis=(1, 2)) / np.sum(bases[0].dx)
+        apart = hot - ground
+        if np.linalg.norm(apart) < _FLAT * np.ptp(self.mesh.p, axis=1).max():
+            raise InputError(
+                f'{self.file}: the surfaces "hot" and "ground" have the same centre, as inside and outside a tube; '
+                "only bodies whose electrodes lie apart can be computed"
+            )
+        along = (apart @ normal) * normal / max(normal @ normal, _FLAT)
+        return along if np.linalg.norm(along) > _FLAT * np.linalg.norm(apart) else apart
 
     @property
     def upper_face(self) -> UpperFace | None:

@@ -28,8 +28,8 @@ class Shape(Protocol):
     Attributes
     ----------
     poling : "thickness" or "length": axis of the field between the electrodes, and of the poling where no direction
-        is given for it
-    poling_direction : (3,) unit vector of the poling in specimen axes
+        is given for it; "thickness" for a mesh file, whatever its axes
+    poling_direction, field_direction : (3,) unit vectors of the poling and of the field in specimen axes
     element_order : usual order p of its elements: the error of an eigenvalue grows with the power 2p of frequency
     volume : m³;  electrode_area : of the hot electrode, m²;  electrode_gap : distance between the electrodes, m
     """
@@ -39,6 +39,9 @@ class Shape(Protocol):
 
     @property
     def poling_direction(self) -> tuple[float, float, float]: ...
+
+    @property
+    def field_direction(self) -> tuple[float, float, float]: ...
 
     @property
     def element_order(self) -> int: ...
@@ -72,14 +75,9 @@ class Shape(Protocol):
         ...
 
 
-def field_axis(shape: Shape) -> int:
-    """Axis of the field between the electrodes."""
-    return 0 if shape.poling == "length" else 2
-
-
 def poling_along_field(shape: Shape) -> float:
     """|cos| of the angle between the poling and the field between the electrodes."""
-    return abs(shape.poling_direction[field_axis(shape)])
+    return float(abs(np.dot(shape.poling_direction, shape.field_direction)))
 
 
 def is_poled_along_field(shape: Shape) -> bool:

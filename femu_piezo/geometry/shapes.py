@@ -53,6 +53,11 @@ class Plate:
         return unit_direction(along)
 
     @property
+    def field_direction(self) -> tuple[float, float, float]:
+        """(3,) unit vector of the field between the electrodes."""
+        return unit_direction(np.eye(3)[self.poling_axis])
+
+    @property
     def element_order(self) -> int:
         """5, about the order that `elements` chooses."""
         return 5

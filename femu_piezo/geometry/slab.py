@@ -153,6 +153,11 @@ class Slab:
         return (0.0, 0.0, 1.0) if self.direction is None else unit_direction(self.direction)
 
     @property
+    def field_direction(self) -> tuple[float, float, float]:
+        """(3,) unit vector of the field between the electrodes."""
+        return (0.0, 0.0, 1.0)
+
+    @property
     def hot(self) -> Footprint:
         """The electrode on the upper face."""
         x_min, x_max = self.outline.extents[:2]

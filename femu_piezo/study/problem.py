@@ -9,7 +9,7 @@ import numpy as np
 
 from femu_piezo.errors import InputError
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.geometry.shape import Shape, field_axis, is_poled_across_field
+from femu_piezo.geometry.shape import Shape, is_poled_across_field, is_poled_along_field
 from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
@@ -157,5 +157,4 @@ def _driving_constant(shape: Shape) -> str:
 
 
 def _named(shape: Shape) -> str:
-    direction = shape.poling_direction
-    return f"its {shape.poling}" if direction[field_axis(shape)] == 1 else f"the direction {list(direction)}"
+    return f"its {shape.poling}" if is_poled_along_field(shape) else f"the direction {list(shape.poling_direction)}"

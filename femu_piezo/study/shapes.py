@@ -97,8 +97,9 @@ def first_mode_Hz(shape: Shape, constants: PiezoConstants, density: float) -> fl
         compliance = constants.s11 if shape.poling == "thickness" else constants.s33
         return thin_bar_frequency(compliance, density, shape.length)
     size = shape.extents if isinstance(shape, MeshFile) else np.array([shape.length, shape.length, shape.thickness])
-    if size[2] > size[:2].max():
-        return thin_bar_frequency(constants.s33, density, size[2])
+    along = int(np.argmax(np.abs(shape.field_direction)))
+    if size[along] > np.delete(size, along).max():
+        return thin_bar_frequency(constants.s33, density, size[along])
     if not isinstance(shape, Slab) or not isinstance(shape.outline, Circle):
         return thin_bar_frequency(constants.s11, density, float(size.max()))
     inner = max((hole.diameter for hole in shape.holes if hole.center == (0.0, 0.0)), default=0.0)

@@ -13,7 +13,7 @@ from femu_piezo.forward.thin_limits import (
     thin_disk_frequency,
     thin_ring_frequency,
 )
-from femu_piezo.geometry.shape import Shape, field_axis, is_poled_across_field, is_poled_along_field
+from femu_piezo.geometry.shape import Shape, is_poled_across_field, is_poled_along_field
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.material.constants import PiezoConstants
@@ -133,7 +133,7 @@ def pieces_of(shape: Shape, constants: PiezoConstants, density: float) -> list[t
     sigma = float((-constants.s12 / constants.s11).real)
     common = {"gap": gap, "area": area, "density": density, "poisson": sigma}
     if is_poled_across_field(shape) and isinstance(shape, Plate):
-        lateral = min(size for index, size in enumerate(shape.dimensions) if index != field_axis(shape))
+        lateral = min(size for index, size in enumerate(shape.dimensions) if index != shape.poling_axis)
         piece = Piece("shear plate", gap, **common, aspect=("width/thickness", lateral / gap))
         return [(piece, thin_bar_frequency(constants.s44, density, gap))]
     if not is_poled_along_field(shape):

@@ -14,20 +14,26 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.gmsh_session import gmsh_session
 from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.geometry.quality import check_electrodes, check_elements
+from femu_piezo.geometry.shape import is_poled_across_field, is_poled_along_field, poling_along_field
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.library import library_material
+from femu_piezo.study.shapes import first_mode_Hz
 
 VM175 = library_material("pzt-4-vm175")
 
 
 def write_box(
-    path: Path, names: dict[str, tuple[int, ...]], order: int = 2, size: float = 20.0, mesh: float = 7.0
+    path: Path,
+    names: dict[str, tuple[int, ...]],
+    order: int = 2,
+    size: float | tuple[float, float, float] = 20.0,
+    mesh: float = 7.0,
 ) -> None:
     """Mesh file of a box in mm; faces 1 … 6 of OpenCASCADE are x_min x_max y_min y_max z_min z_max."""
     with gmsh_session():
         import gmsh
 
-        box = gmsh.model.occ.addBox(0, 0, 0, size, size, size)
+        box = gmsh.model.occ.addBox(0, 0, 0, *np.broadcast_to(size, 3).tolist())
         gmsh.model.occ.synchronize()
         for name, faces in names.items():
             gmsh.model.addPhysicalGroup(2, list(faces), name=name)
@@ -50,6 +56,54 @@ def test_own_mesh_of_the_cube_has_the_modes_of_vm175(tmp_path: Path, order: int)
         modes = solve_eigen(model, VM175.constants.to_e_form(), circuit, 8, near_Hz=hertz)
         found = np.sqrt(modes.eigenvalues.real[modes.dominant_index(hertz)]) / (2 * np.pi)
         assert found == pytest.approx(hertz, rel=4e-3)
+
+
+@pytest.mark.parametrize("poling", [(0, 0, 1), (1, 0, 0), (1, 0, 1), (0, 0.1, -1)])
+def test_the_gap_between_electrodes_is_that_along_the_field_however_a_body_is_poled(tmp_path: Path, poling) -> None:
+    write_box(tmp_path / "bar.msh", {"hot": (6,), "ground": (5,)}, 1, (20.0, 3.0, 1.0), 3.0)
+    shape, plate = MeshFile(tmp_path / "bar.msh", 1e-3, poling), Plate(20e-3, 3e-3, 1e-3, direction=poling)
+    assert shape.electrode_gap == pytest.approx(1e-3, rel=1e-9)
+    assert poling_along_field(shape) == pytest.approx(poling_along_field(plate), abs=1e-9)
+    assert is_poled_across_field(shape) == is_poled_across_field(plate)
+    assert first_mode_Hz(shape, VM175.constants, 7500.0) == pytest.approx(
+        first_mode_Hz(plate, VM175.constants, 7500.0), rel=1e-9
+    )
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("length", [1.0, 20.0])
+def test_a_body_is_the_same_along_any_axis(tmp_path: Path, axis: int, length: float) -> None:
+    """A plate poled across its thickness, or a bar poled along its length, with the poling along x, y or z."""
+    size = np.roll([4.0, 6.0, length], axis + 1)
+    write_box(tmp_path / "body.msh", {"hot": (2 * axis + 2,), "ground": (2 * axis + 1,)}, 1, tuple(size), 6.0)
+    shape = MeshFile(tmp_path / "body.msh", 1e-3, tuple(np.eye(3)[axis]))
+    assert is_poled_along_field(shape)
+    assert shape.electrode_gap == pytest.approx(1e-3 * length, rel=1e-9)
+    constants = VM175.constants
+    compliance, longest = (constants.s11, 6e-3) if length < 6 else (constants.s33, 1e-3 * length)
+    expected = 1 / (2 * longest * np.sqrt(7500.0 * compliance.real))
+    assert first_mode_Hz(shape, constants, 7500.0) == pytest.approx(expected, rel=1e-9)
+
+
+def test_electrodes_around_each_other_are_refused(tmp_path: Path) -> None:
+    with gmsh_session():
+        import gmsh
+
+        occ = gmsh.model.occ
+        occ.cut([(3, occ.addBox(-9, -9, 0, 18, 18, 5))], [(3, occ.addBox(-3, -3, 0, 6, 6, 5))])
+        occ.synchronize()
+        reach = {face: max(gmsh.model.getBoundingBox(2, face)[3:5]) for _, face in gmsh.model.getEntities(2)}
+        low = {face: min(gmsh.model.getBoundingBox(2, face)[:2]) for face in reach}
+        upright = [face for face in reach if np.ptp(np.take(gmsh.model.getBoundingBox(2, face), (2, 5))) > 4]
+        for name, inside in (("hot", False), ("ground", True)):
+            faces = [face for face in upright if (max(reach[face], -low[face]) < 4) == inside]
+            gmsh.model.addPhysicalGroup(2, faces, name=name)
+        gmsh.model.addPhysicalGroup(3, [1], name="body")
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 6.0)
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(tmp_path / "tube.msh"))
+    with pytest.raises(InputError, match="have the same centre"):
+        _ = MeshFile(tmp_path / "tube.msh", 1e-3).electrode_gap
 
 
 def test_named_mirror_planes_make_the_whole(tmp_path: Path) -> None:
