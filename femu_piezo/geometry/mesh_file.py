@@ -1,7 +1,8 @@
 """A user's own mesh, in any format that meshio reads, with named electrodes.
 
 Physical surfaces "hot" and "ground" are the electrodes. Planes named "mirror_x", "mirror_y" or "mirror_z" are
-mirror planes of the specimen, of which the mesh is a part. Tetrahedra and hexahedra, linear or quadratic.
+mirror planes of the specimen, of which the mesh is a part; coordinates are counted from them, into the part.
+Tetrahedra and hexahedra, linear or quadratic.
 """
 
 from __future__ import annotations
@@ -63,8 +64,8 @@ class MeshFile:
 
     @made_once
     def mesh(self) -> skfem.Mesh:
-        """The checked mesh in m; InputError where it cannot serve."""
-        mesh = _read(self.file)
+        """The checked mesh in m, mirror planes at zero and the part above; InputError where it cannot serve."""
+        mesh = _from_mirrors(_read(self.file), self.file)
         check_elements(mesh, str(self.file))
         check_electrodes(mesh, "hot", "ground", str(self.file))
         mesh = mesh.scaled(self.unit)
@@ -224,6 +225,30 @@ def _read(path: Path) -> skfem.Mesh:
             f"{path}: the elements of kind {solid[0]} are damaged ({error}); save the mesh again"
         ) from None
     return replace(mesh, _boundaries=_named_facets(raw, mesh, path) or None)
+
+
+def _from_mirrors(mesh: skfem.Mesh, path: Path) -> skfem.Mesh:
+    """The mesh moved and, if need be, reflected so that it extends from mirror planes at zero to positive coordinates.
+
+    InputError where a surface that is named as a mirror plane is none.
+    """
+    near = _FLAT * float(np.ptp(mesh.p, axis=1).max())
+    for axis, letter in enumerate("xyz"):
+        facets = (mesh.boundaries or {}).get(f"mirror_{letter}")
+        if facets is None:
+            continue
+        at, ends = mesh.p[axis][mesh.facets[:, facets]], (float(mesh.p[axis].min()), float(mesh.p[axis].max()))
+        side = [float(np.abs(at - end).max()) < near for end in ends]
+        if not any(side):
+            raise InputError(
+                f'{path}: the surface "mirror_{letter}" is no mirror plane: it reaches from {letter} = {at.min():.4g} '
+                f"to {at.max():.4g}, and the body from {ends[0]:.4g} to {ends[1]:.4g}; a mirror plane lies at one end "
+                "of the body and has the name of the axis normal to it"
+            )
+        shift, turn = np.zeros(3), np.ones(3)
+        shift[axis], turn[axis] = -ends[side.index(True)], 1.0 if side[0] else -1.0
+        mesh = mesh.translated(tuple(shift)).scaled(tuple(turn))
+    return mesh
 
 
 def _check_size(cell: str, count: int, order: int, path: Path) -> None:

@@ -10,6 +10,7 @@ import skfem.io.meshio
 
 from femu_piezo.errors import InputError
 from femu_piezo.forward.eigen import solve_eigen
+from femu_piezo.forward.mode_family import family
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.gmsh_session import gmsh_session
 from femu_piezo.geometry.mesh_file import MeshFile
@@ -20,6 +21,7 @@ from femu_piezo.material.library import library_material
 from femu_piezo.study.shapes import first_mode_Hz
 
 VM175 = library_material("pzt-4-vm175")
+ELECTRODES = {"hot": (6,), "ground": (5,)}
 
 
 def write_box(
@@ -28,12 +30,13 @@ def write_box(
     order: int = 2,
     size: float | tuple[float, float, float] = 20.0,
     mesh: float = 7.0,
+    corner: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> None:
     """Mesh file of a box in mm; faces 1 … 6 of OpenCASCADE are x_min x_max y_min y_max z_min z_max."""
     with gmsh_session():
         import gmsh
 
-        box = gmsh.model.occ.addBox(0, 0, 0, *np.broadcast_to(size, 3).tolist())
+        box = gmsh.model.occ.addBox(*corner, *np.broadcast_to(size, 3).tolist())
         gmsh.model.occ.synchronize()
         for name, faces in names.items():
             gmsh.model.addPhysicalGroup(2, list(faces), name=name)
@@ -135,6 +138,31 @@ def cube_of(kind: type, cells: int, path: Path) -> MeshFile:
     data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
     meshio.write(path, meshio.Mesh(mesh.p.T, blocks, cell_data=data, field_data=names), file_format="gmsh22")
     return MeshFile(path)
+
+
+@pytest.mark.parametrize(("start", "face"), [(0.0, 1), (5.0, 1), (-10.0, 2), (-25.0, 2)])
+def test_a_half_is_the_same_wherever_its_mirror_plane_lies(tmp_path: Path, start: float, face: int) -> None:
+    write_box(tmp_path / "half.msh", {**ELECTRODES, "mirror_x": (face,)}, 1, (10.0, 4.0, 1.0), 2.0, (start, -2.0, 0.0))
+    shape = MeshFile(tmp_path / "half.msh", 1e-3)
+    assert shape.extents == pytest.approx([0.02, 0.004, 0.001])
+    np.testing.assert_allclose(shape.upper_face.extents, [(0, 0.01), (-0.002, 0.002)], atol=1e-12)
+    assert shape.upper_face.size == pytest.approx(0.02)
+    plate = ElectroelasticModel(Plate(0.02, 0.004, 0.001).domain((4, 2, 1), order=4), 7500.0)
+    part, constants = ElectroelasticModel(shape.domain_for(), 7500.0), VM175.constants.to_e_form()
+    first = [
+        np.sqrt(modes.eigenvalues.real[modes.dominant_index(80e3)]) / (2 * np.pi)
+        for modes in (solve_eigen(model, constants, "short", 8, near_Hz=80e3) for model in (part, plate))
+    ]
+    assert first[0] == pytest.approx(first[1], rel=1e-3)
+    modes = solve_eigen(part, constants, "short", 8, near_Hz=80e3)
+    assert family(part, modes.vectors[:, modes.dominant_index(80e3)]) == "first length extension"
+
+
+@pytest.mark.parametrize(("name", "face"), [("mirror_y", 2), ("mirror_x", 3)])
+def test_a_surface_that_is_no_mirror_plane_is_refused(tmp_path: Path, name: str, face: int) -> None:
+    write_box(tmp_path / "half.msh", {**ELECTRODES, name: (face,)}, 1, (10.0, 4.0, 1.0), 4.0)
+    with pytest.raises(InputError, match=f'the surface "{name}" is no mirror plane: it reaches from'):
+        _ = MeshFile(tmp_path / "half.msh", 1e-3).mesh
 
 
 @pytest.mark.parametrize(("kind", "most"), [(skfem.MeshHex, 62500), (skfem.MeshTet, 333333)])
