@@ -163,12 +163,12 @@ def _driven(kind, eigenvalues, amplitudes, vectors, highest: float) -> list[_Fou
 
 
 def _pairs(poles: list[_Found], zeros: list[_Found]) -> list[tuple[_Found, _Found | None]]:
-    """Each pole with the last zero below the next pole."""
+    """Each pole with the strongest zero below the next pole: the others belong to modes that are not shown."""
     pairs = []
     for index, pole in enumerate(poles):
         above = poles[index + 1][0].frequency_Hz if index + 1 < len(poles) else np.inf
         between = [zero for zero in zeros if pole[0].frequency_Hz < zero[0].frequency_Hz <= above]
-        pairs.append((pole, between[-1] if above < np.inf and between else (between[0] if between else None)))
+        pairs.append((pole, max(between, key=lambda zero: zero[2], default=None)))
     return pairs
 
 

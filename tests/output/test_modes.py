@@ -13,6 +13,7 @@ import pytest
 
 from femu_piezo.errors import InputError
 from femu_piezo.forward.eigen import solve_eigen
+from femu_piezo.forward.modal import ModalModel
 from femu_piezo.forward.mode_family import family, motion_of
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.catalogue import disk
@@ -20,7 +21,7 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.library import library_material
 from femu_piezo.output.surface import GROUND, HOT, surface_of
 from femu_piezo.specimen.file import read_specimen
-from femu_piezo.study.modes import modes
+from femu_piezo.study.modes import _driven, _pairs, modes
 
 PIC255 = library_material("pic255")
 K31 = """
@@ -121,6 +122,22 @@ def test_modes_of_a_bar_are_those_of_the_thin_bar(tmp_path: Path) -> None:
     ratio = np.pi / 2 * first.zero.frequency_Hz / first.pole.frequency_Hz  # IEEE 176: k²/(1−k²) = x tan(x − π/2)
     assert np.sqrt(1 / (1 + 1 / (ratio * np.tan(ratio - np.pi / 2)))) == pytest.approx(k31, rel=0.03)
     assert sum(mode.participation for mode in result.modes) == pytest.approx(1.0)
+
+
+def test_a_pole_goes_with_its_own_zero_where_weak_modes_lie_above_it() -> None:
+    """Of two modes far apart, with weak ones between them, k_eff is that without the weak ones."""
+    frequency = np.array([503.7, 505.8, 560.0, 577.3, 800.0]) * 1e3
+    eigenvalues, strength = (2 * np.pi * frequency) ** 2, np.array([0.02, 1e-5, 1.9e-5, 1e-5, 0.005])
+
+    def pairs(chosen: np.ndarray) -> list[tuple[float, float]]:
+        squares, charges = eigenvalues[chosen], np.sqrt(strength * eigenvalues)[chosen]
+        modal = ModalModel(squares, charges, 1.0, np.zeros((1, squares.size + 1)), np.zeros((0, 1, 1)), 1.0)
+        values, vectors = modal.zeros
+        poles = _driven("pole", squares, charges, np.ones((1, squares.size)), 1e6)
+        zeros = _driven("zero", values, modal.zero_amplitudes, vectors, 1e6)
+        return [(pole[0].frequency_Hz, zero[0].frequency_Hz) for pole, zero in _pairs(poles, zeros)]
+
+    np.testing.assert_allclose(pairs(np.arange(5)), pairs(np.array([0, 4])), rtol=2e-4)
 
 
 def test_band_without_modes_and_wrong_band_are_refused(tmp_path: Path) -> None:
