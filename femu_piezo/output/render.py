@@ -19,8 +19,12 @@ _EXAGGERATION, _IN_THICKNESS = 0.07, 0.3
 COLORS = {"displacement": "viridis", "potential": "RdBu_r"}
 ELECTRODE_COLORS = {BARE: "#e8dfc8", HOT: "#c0392b", GROUND: "#1f4e79"}
 WINDOW = (1500, 1000)
-#: Distance, relative to the body, below which points are merged: the pinhole of a disk is not shown.
-_MERGED = 3e-5
+#: Distance, relative to the body, within which points are the same.
+_SAME = 1e-9
+#: Length, relative to the body, below which lines are not drawn: the pinhole of a disk is not shown.
+_SHORTEST = 3e-5
+#: Vertical angle of view, degrees.
+_VIEW = 30.0
 
 
 @dataclass(frozen=True)
@@ -106,39 +110,28 @@ class Renderer:
             smooth_shading=False,
         )
         rest = pv.PolyData(surface.points, faces)
-        self._borders = [(self._border(pv, label), ELECTRODE_COLORS[label]) for label in (HOT, GROUND)]
-        for (lines, _), color in self._borders:
-            if lines is not None:
+        self._borders = []
+        for label in (HOT, GROUND):
+            border = border_of(surface, label)
+            if border.size:
+                cells = np.hstack([np.full((len(border), 1), 2), np.arange(border.size).reshape(-1, 2)]).ravel()
+                lines = pv.PolyData(surface.points[border.ravel()].copy(), lines=cells)
+                color = ELECTRODE_COLORS[label]
                 plotter.add_mesh(lines, color=color, line_width=5, render_lines_as_tubes=True, lighting=False)
-        outline = _sharp_edges(pv, rest)
+                self._borders.append((lines, border.ravel()))
+        outline = _sharp_edges(rest)
         if outline.n_points:
             plotter.add_mesh(outline, color="#555555", line_width=2)
-        plotter.camera_position = _camera(surface.points)
+        _aim(plotter, surface.points, largest=float(np.linalg.norm(shape.motion, axis=1).max()))
         plotter.enable_anti_aliasing("ssaa")
-
-    def _border(self, pv, label: int):
-        """Lines around an electrode and the surface points that they follow."""
-        surface = self._shape.surface
-        triangles = surface.triangles[surface.electrode == label]
-        if not len(triangles):
-            return None, None
-        _, merged = np.unique(np.round(surface.points / (_MERGED * surface.extent)), axis=0, return_inverse=True)
-        merged = merged.ravel()
-        edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-        keys = np.sort(merged[edges], axis=1)
-        _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
-        border = edges[first[count == 1]]
-        cells = np.hstack([np.full((len(border), 1), 2), np.arange(border.size).reshape(-1, 2)]).ravel()
-        return pv.PolyData(surface.points[border.ravel()].copy(), lines=cells), border.ravel()
 
     def image(self, phase: float = 0.0) -> np.ndarray:
         """(height, width, 3) picture of the body at a phase of its oscillation."""
         points, colors = self._shape.at(phase)
         self._mesh.points = points
         self._mesh["value"] = colors
-        for (lines, where), _ in self._borders:
-            if lines is not None:
-                lines.points = points[where]
+        for lines, where in self._borders:
+            lines.points = points[where]
         self._plotter.render()
         return self._plotter.screenshot(return_img=True)
 
@@ -149,21 +142,52 @@ class Renderer:
         self._plotter.close()
 
 
-def _sharp_edges(pv, mesh):
-    """The edges of the undeformed body."""
-    return mesh.clean(tolerance=_MERGED).extract_feature_edges(
+def border_of(surface: Surface, label: int) -> np.ndarray:
+    """(m, 2) numbers of the points at the ends of the lines around an electrode, HOT or GROUND."""
+    triangles = surface.triangles[surface.electrode == label]
+    place = _places(surface.points, _SAME * surface.extent)
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    _, first, count = np.unique(np.sort(place[edges], axis=1), axis=0, return_index=True, return_counts=True)
+    border = edges[first[count == 1]]
+    lengths = np.linalg.norm(np.diff(surface.points[border], axis=1)[:, 0], axis=1)
+    return border[lengths > _SHORTEST * surface.extent]
+
+
+def _places(points: np.ndarray, near: float) -> np.ndarray:
+    """(p,) number of the place of each point (p, 3), the same for points within a distance along every axis."""
+    numbers = np.empty(points.shape, dtype=int)
+    for axis, values in enumerate(points.T):
+        order = np.argsort(values, kind="stable")
+        numbers[order, axis] = np.cumsum(np.append(False, np.diff(values[order]) > near))
+    return np.unique(numbers, axis=0, return_inverse=True)[1].ravel()
+
+
+def _sharp_edges(mesh):
+    """The edges of the undeformed body, those around the pinhole of a disk left out."""
+    extent = float(np.ptp(mesh.points, axis=0).max())
+    edges = mesh.clean(tolerance=_SAME * extent, absolute=True).extract_feature_edges(
         feature_angle=40, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
     )
+    lengths = edges.compute_cell_sizes(length=True, area=False, volume=False)["Length"]
+    return edges.extract_cells(np.flatnonzero(lengths > _SHORTEST * extent))
 
 
-def _camera(points: np.ndarray, above: bool = True) -> list:
-    """Oblique view from above or below that fits the body."""
+def _aim(plotter, points: np.ndarray, above: bool = True, largest: float = 0.0) -> None:
+    """Oblique view from above or below that fits a body, even where its points (p, 3) move by up to `largest`, m."""
     low, high = points.min(axis=0), points.max(axis=0)
-    center, size = (low + high) / 2, high - low
-    direction = np.array([0.55, -1.0, 0.75 if above else -0.75])
-    direction /= np.linalg.norm(direction)
-    distance = 1.75 * np.linalg.norm(size)
-    return [tuple(center + distance * direction), tuple(center), (0.0, 0.0, 1.0)]
+    center, half = (low + high) / 2, (high - low) / 2
+    toward = np.array([0.55, -1.0, 0.75 if above else -0.75])
+    toward /= np.linalg.norm(toward)
+    across = np.cross([0.0, 0.0, 1.0], toward)
+    across /= np.linalg.norm(across)
+    corners = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T * (half + largest)
+    width, height = plotter.window_size
+    slope = np.tan(np.radians(_VIEW / 2))
+    sideways, upwards = np.abs(corners @ across) * height / width, np.abs(corners @ np.cross(toward, across))
+    needed = corners @ toward + np.maximum(sideways, upwards) / slope
+    distance = max(3.5 * float(np.linalg.norm(half)), 1.02 * float(needed.max()))
+    plotter.camera_position = [tuple(center + distance * toward), tuple(center), (0.0, 0.0, 1.0)]
+    plotter.camera.view_angle = _VIEW
 
 
 def cropped(image: np.ndarray, margin: int = 12) -> np.ndarray:
@@ -188,10 +212,10 @@ def electrode_image(result: ModesResult, above: bool = True, window: tuple[int, 
             faces = np.hstack([np.full((len(triangles), 1), 3), triangles]).ravel()
             plotter.add_mesh(pv.PolyData(surface.points, faces), color=color, ambient=0.4, diffuse=0.65)
     faces = np.hstack([np.full((len(surface.triangles), 1), 3), surface.triangles]).ravel()
-    outline = _sharp_edges(pv, pv.PolyData(surface.points, faces))
+    outline = _sharp_edges(pv.PolyData(surface.points, faces))
     if outline.n_points:
         plotter.add_mesh(outline, color="#333333", line_width=2)
-    plotter.camera_position = _camera(surface.points, above)
+    _aim(plotter, surface.points, above)
     plotter.enable_anti_aliasing("ssaa")
     image = plotter.screenshot(return_img=True)
     plotter.close()

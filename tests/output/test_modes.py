@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,9 @@ from femu_piezo.forward.mode_family import family, motion_of
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.catalogue import disk
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.geometry.slab import Electrodes
 from femu_piezo.material.library import library_material
+from femu_piezo.output.render import _aim, border_of
 from femu_piezo.output.surface import GROUND, HOT, surface_of
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.modes import _driven, _pairs, modes
@@ -138,6 +141,34 @@ def test_a_pole_goes_with_its_own_zero_where_weak_modes_lie_above_it() -> None:
         return [(pole[0].frequency_Hz, zero[0].frequency_Hz) for pole, zero in _pairs(poles, zeros)]
 
     np.testing.assert_allclose(pairs(np.arange(5)), pairs(np.array([0, 4])), rtol=2e-4)
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4])
+def test_the_line_around_an_electrode_has_the_length_of_its_rim(accuracy: float) -> None:
+    """A bare rim, with cells that shrink towards it; the pinhole in the middle of a disk is not drawn."""
+    domain = disk(10e-3, 1e-3, electrodes=Electrodes(margin=0.7e-3)).domain_for(accuracy, 120e3, 1900.0, order=3)
+    model = ElectroelasticModel(domain, 7500.0)
+    surface = surface_of(model, np.zeros((model.size, 1)))
+    for label in (HOT, GROUND):
+        ends = surface.points[border_of(surface, label)]
+        assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(np.pi * 8.6e-3, rel=1e-3)
+
+
+@pytest.mark.parametrize("size", [(4, 4, 12), (40, 5, 1), (5, 40, 1), (1, 1, 1)])
+@pytest.mark.parametrize("above", [True, False])
+def test_a_body_of_any_proportions_is_within_the_picture(size: tuple[float, float, float], above: bool) -> None:
+    window = (1500, 1000)
+    plotter = SimpleNamespace(window_size=window, camera_position=None, camera=SimpleNamespace(view_angle=None))
+    corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T * size
+    _aim(plotter, corners, above, largest=0.3)
+    eye, focus, up = (np.array(part) for part in plotter.camera_position)
+    assert np.sign(eye[2]) == (1 if above else -1)
+    view = (focus - eye) / np.linalg.norm(focus - eye)
+    right = np.cross(view, up) / np.linalg.norm(np.cross(view, up))
+    seen = corners + 0.3 * np.sign(corners) - eye
+    half = np.tan(np.radians(plotter.camera.view_angle / 2))
+    assert np.max(np.abs(seen @ np.cross(right, view)) / (seen @ view)) < half
+    assert np.max(np.abs(seen @ right) / (seen @ view)) < half * window[0] / window[1]
 
 
 def test_band_without_modes_and_wrong_band_are_refused(tmp_path: Path) -> None:
