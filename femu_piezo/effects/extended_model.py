@@ -24,7 +24,7 @@ from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel, reduce_model
 from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
-from femu_piezo.threads import Once, blas_limit, made_once
+from femu_piezo.threads import Once, blas_limit
 
 #: Number of selections of sectors whose terms are kept, 100 MB for a large one; the terms by class, a tenth of that,
 #: are all kept.
@@ -43,7 +43,7 @@ class ExtendedModel:
     Parameters
     ----------
     source : fields and terms that all selections of sectors share
-    sectors : the unknowns
+    selection : the unknowns, and what is kept for them
 
     Attributes
     ----------
@@ -53,11 +53,10 @@ class ExtendedModel:
     closed_forms : the latest, by a hash of their stiffness and mass
     """
 
-    def __init__(self, source: _Source, sectors: Sectors) -> None:
-        self._source, self._sectors, self._extra = source, sectors, Once()
+    def __init__(self, source: _Source, selection: _Selection) -> None:
+        self._source, self._sectors, self._operators = source, selection.sectors, selection.operators
         self.constant_of_stratum, self.exponents = source.constant_of_stratum, source.exponents
-        self.places = Places(sectors, source.shared)
-        self.closed_forms = Once(_FORMS)
+        self.places, self.closed_forms = selection.places, selection.closed_forms
 
     @property
     def sectors(self) -> tuple[str, ...]:
@@ -94,19 +93,20 @@ class ExtendedModel:
         """Error of the driven eigenvalues by the mesh, from elements one order lower; None where these cannot tell."""
         return self._source.mesh_error
 
-    @made_once
+    @property
     def strata(self) -> np.ndarray:
         """(n_s, r, r) parts of equal exponents of the unit-constant matrices; their sum over one constant is `bulk`."""
-        return self._by_class(self._source.strata)
+        return self._operators.get("strata", lambda: self._by_class(self._source.strata))
 
-    @made_once
+    @property
     def bulk(self) -> np.ndarray:
         """(10, r, r) the unit-constant matrices of the unstretched body."""
-        return self._by_class(self._source.bulk)
+        return self._operators.get("bulk", lambda: self._by_class(self._source.bulk))
 
     def extra(self, name: str) -> np.ndarray:
         """(r, r) matrix of an extra term of an effect."""
-        return self._extra.get(name, lambda: self._by_class(lambda names: self._source.extra(name, names)))
+        make = self._source.extra
+        return self._operators.get(("extra", name), lambda: self._by_class(lambda names: make(name, names)))
 
     @property
     def mass(self) -> np.ndarray:
@@ -140,6 +140,16 @@ class ExtendedModel:
         return found
 
 
+@dataclass(frozen=True)
+class _Selection:
+    """What is kept for a selection of sectors; no model, which would refer to the source that keeps it."""
+
+    sectors: Sectors
+    places: Places
+    operators: Once = field(default_factory=Once)
+    closed_forms: Once = field(default_factory=lambda: Once(_FORMS))
+
+
 class _Source:
     """Fields of all sectors, and the terms on each class, each made when it is first asked for."""
 
@@ -147,7 +157,7 @@ class _Source:
         """matrices : (4n, 4n) on the mesh of every further term of `needs`, by its name"""
         self._fields, self._matrices = fields, matrices
         self._terms = {term.name: term for term in needs.terms}
-        self.reduced, self.shared, self._models = fields.reduced, Once(), Once(_MODELS)
+        self.reduced, self.shared, self._selections = fields.reduced, Once(), Once(_MODELS)
         tensors = fields.model.unit_tensors
         self._parts, self.constant_of_stratum, self.exponents = (
             _strata(tensors) if needs.stretching else _whole(tensors)
@@ -162,7 +172,12 @@ class _Source:
     def model(self, wanted: Iterable[str]) -> ExtendedModel:
         """The model on the driven sector, the wanted ones and those that these need."""
         names = self._fields.chosen(wanted)
-        return self._models.get(names, lambda: ExtendedModel(self, self._fields.select(names)))
+
+        def made() -> _Selection:
+            sectors = self._fields.select(names)
+            return _Selection(sectors, Places(sectors, self.shared))
+
+        return ExtendedModel(self, self._selections.get(names, made))
 
     def strata(self, names: tuple[str, ...]) -> np.ndarray:
         """(n_s, k, k) strata on the sectors of one class."""

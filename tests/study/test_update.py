@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import json
+import weakref
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +20,7 @@ from femu_piezo.study import beginning
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.measured import _quasistatic_rise, measure
 from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.update import update
 from tests.commands import invoked, succeeded
 from tests.materials import PZT5H
@@ -113,6 +116,23 @@ def test_joint_k31_and_k33_determine_more_constants(sweeps, write_specimen_of, t
         shares = result.provenance[name]
         assert shares[source] == max(shares.values()) > 0.9, name
         assert sum(shares.values()) == pytest.approx(1)
+
+
+def test_models_end_with_the_result(sweeps, write_specimen_of, monkeypatch):
+    """A hundred megabytes for each update: kept by a reference to themselves they stay until memory is collected."""
+    made, source = [], Posterior.evaluation.fget
+
+    def watched(posterior: Posterior):
+        made.extend(weakref.ref(model.bulk) for model in posterior.models)
+        return source(posterior)
+
+    monkeypatch.setattr(Posterior, "evaluation", property(watched))
+    gc.disable()
+    try:
+        update(read_specimen(write_specimen_of("k31", sweeps["k31"], TRIO)))
+        assert made and not any(reference() is not None for reference in made)
+    finally:
+        gc.enable()
 
 
 def test_prior_of_the_specimen_file_is_kept_where_the_data_say_nothing(sweeps, write_specimen_of):
