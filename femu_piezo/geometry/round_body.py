@@ -15,7 +15,7 @@ import numpy as np
 
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.plane_mesh import extruded, labelled, polar_plane
-from femu_piezo.geometry.shape import check_unknowns, edge_error, solution_cost, wave_error
+from femu_piezo.geometry.shape import bending_wavenumber, check_unknowns, edge_error, solution_cost, wave_error
 
 #: Radius of the pinhole of a disk, relative to that of the disk.
 PINHOLE = 1e-5
@@ -85,7 +85,10 @@ def divisions_for(
     inertia = wavenumber * thickness / 2
     thick = np.clip((inertia - _THIN) / (_THICK - _THIN), 0.0, 1.0)
     radial_wave = wavenumber * (_RADIAL[0] + (_RADIAL[1] - _RADIAL[0]) * thick)
-    turn, weight = (np.pi / 2, _ANGLE) if axisymmetric else (wavenumber * outer * np.pi / 2, 1.0)
+    turn, weight = np.pi / 2, _ANGLE
+    if not axisymmetric:  # the body bends, and its field has waves along the angle
+        along_faces = max(wavenumber, bending_wavenumber(wavenumber, thickness))
+        radial_wave, turn, weight = max(radial_wave, along_faces), along_faces * outer * np.pi / 2, 1.0
 
     def edges(p: int, edge: float) -> float:
         return _EDGES * edge_error(p, wavenumber * edge, inertia)

@@ -11,6 +11,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.geometry.boxes import FACES, unit_box
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.shape import (
+    bending_wavenumber,
     check_unknowns,
     driven_mirrors,
     edge_error,
@@ -22,6 +23,8 @@ from femu_piezo.geometry.upper_face import UpperFace
 
 #: Element orders to choose from.
 ORDERS = range(2, 9)
+#: Least order of elements that bend: thin ones of third order are too stiff, 1.6e-3 in λ where waves alone say 3e-4.
+_BENDS_WELL = 4
 
 #: Least number of elements along the length of a plate: long elements follow waves, but not a crack, which yields
 #: within a thin slice.
@@ -124,14 +127,29 @@ class Plate:
         accuracy : relative error of λ at `frequency_Hz`; lower modes are far more accurate
         frequency_Hz : highest frequency of interest
         shear_speed : slowest shear wave, m/s
-        order : of the elements; where None, the order of `ORDERS` that costs least
+        order : of the elements; where None, the order of `ORDERS` that costs least, in a plate that bends of those from
+            `_BENDS_WELL` on
         """
-        size = 2 * np.pi * frequency_Hz / shear_speed * self.part(symmetric_axes)
-        choices = [(p, fewest_divisions(p, size, accuracy)) for p in (ORDERS if order is None else (order,))]
+        shear = 2 * np.pi * frequency_Hz / shear_speed
+        waves = self._wavenumbers(shear)
+        size, least = waves * self.part(symmetric_axes), _BENDS_WELL if np.any(waves > shear) else ORDERS[0]
+        orders = range(least, ORDERS[-1] + 1) if order is None else (order,)
+        choices = [(p, fewest_divisions(p, size, accuracy)) for p in orders]
         p, (along, *across) = min(choices, key=lambda choice: _cost(*choice))
         found = p, (max(along, LEAST_ALONG // (2 if 0 in symmetric_axes else 1)), *across)
         check_unknowns(*_unknowns(*found))
         return found
+
+    def _wavenumbers(self, shear: float) -> np.ndarray:
+        """(3,) largest wavenumbers along x, y, z, 1/m, where that of shear waves is given.
+
+        Where no mirror plane is normal to an axis the plate bends across it, in waves that may be the shorter ones.
+        """
+        waves = np.full(3, shear)
+        for axis in set(range(3)) - set(self.mirrors):
+            bending = bending_wavenumber(shear, self.dimensions[axis])
+            waves = np.where(np.arange(3) == axis, waves, np.maximum(waves, bending))
+        return waves
 
     def domain_for(
         self,

@@ -42,17 +42,13 @@ from femu_piezo.geometry.plane_mesh import (
 )
 from femu_piezo.geometry.regions import Circle, Rectangle, Trapezoid
 from femu_piezo.geometry.round_body import PINHOLE, angles_of, divisions_for
-from femu_piezo.geometry.shape import check_unknowns, fits, solution_cost
+from femu_piezo.geometry.shape import bending_wavenumber, check_unknowns, fits, solution_cost
 from femu_piezo.geometry.shapes import Plate, fewest_divisions
 from femu_piezo.geometry.slab_cad import DRAWING_UNIT, divide_curves, draw_plane, partial_footprints
 
 if TYPE_CHECKING:
     from femu_piezo.geometry.slab import Slab
 
-#: Wavenumber of bending waves of a thin plate over √(k/t), k being the shear wavenumber: 12^(1/4) √(c_shear/c_plate),
-#: with a plate wave 1.6 times as fast as the shear wave. Bending is driven where the part has no mirror plane at
-#: mid-height.
-_BENDING = 1.47
 #: Element orders to choose from.
 _ORDERS = range(3, 8)
 #: (c, b) in the error c b⁻ᵖ of λ at a rim from the singularity (`_SINGULAR`) and from the smooth field (`_GRADED`), see
@@ -223,7 +219,7 @@ def _edges(
         accuracy /= 2
     box = Plate(x_max - x_min, y_max - y_min, slab.thickness, "thickness", slab.direction)
     size = box.part(tuple(axis for axis in mirrors if axis in box.mirrors))
-    bending = 0.0 if 2 in mirrors else _BENDING * np.sqrt(wavenumber / slab.thickness)
+    bending = 0.0 if 2 in mirrors else bending_wavenumber(wavenumber, slab.thickness)
     phase = size * np.array([max(wavenumber, bending), max(wavenumber, bending), wavenumber])
     return tuple((size / fewest_divisions(p, phase, accuracy)).tolist())
 
