@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from femu_piezo.effects.effect import Effect
+from femu_piezo.errors import InputError
 from femu_piezo.inference.response import Evaluation, placed
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.threads import made_once
@@ -71,7 +72,10 @@ class Share:
     def _form(self, effect: Effect) -> Effect:
         form = self.forms.get(effect.key, effect)
         if (names := [p.name for p in form.parameters]) != [p.name for p in effect.parameters]:
-            raise ValueError(f"{effect.key} has the parameters {', '.join(names)} in one sweep and others in another")
+            raise InputError(
+                f"effect {effect.key} has the parameters {', '.join(names)} in one sweep and others in another; "
+                "give it the same in all"
+            )
         return form
 
 

@@ -7,7 +7,7 @@ sweep to sweep; for the drive level the compliance is solved for that is consist
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from femu_piezo import diagnose, read_specimen, simulate, update
-from femu_piezo.effects.effect import SweepConditions
+from femu_piezo.effects.effect import Effect, EffectParameter, SweepConditions
 from femu_piezo.effects.library import (
     between_sweeps,
     circuits,
@@ -30,6 +30,7 @@ from femu_piezo.effects.library import (
     temperature_drift,
 )
 from femu_piezo.errors import InputError
+from femu_piezo.inference.ensemble import Share
 from femu_piezo.inference.readings import read_beside
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import write_spectrum
@@ -352,6 +353,16 @@ def test_every_specimen_has_its_own_shifts_from_sweep_to_sweep(bench, counts):
     for one in several:
         own, places = one.share.of(unknowns)
         assert own.names == tuple(unknowns.names[place] for place in places)
+
+
+def test_an_effect_with_other_parameters_in_one_sweep_is_refused(bench):
+    """One of the user's own: every unknown after it would be read one place off."""
+    bench.add("first", sweep(seed=1))
+    unknowns = unknowns_of(subjects(measure_each([read_specimen(bench.write())])))
+    size = EffectParameter("size", "1", -1.0, 1.0, 0.1, 0.1)
+    effect, of_sweep = Effect("own", "own", (size,)), Effect("own", "own", (size, replace(size, name="width")))
+    with pytest.raises(InputError, match=r"effect own has the parameters size, width in one sweep and others in "):
+        Share(forms={"own": of_sweep}).of(unknowns.with_candidate(effect))
 
 
 def test_a_shift_from_sweep_to_sweep_is_one_of_frequency():
