@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -50,11 +50,11 @@ class Job:
         specimens = with_measurement(specimens, **asked)
         return Inputs(tuple(dict.fromkeys(files)), tuple(specimens), None)
 
-    def checksum(self, program: str, files: tuple[Path, ...]) -> str:
-        """SHA-256 over the program (`program_checksum`), options and input files: a result holds for the same one."""
+    def checksum(self, program: str, contents: Iterable[str]) -> str:
+        """SHA-256 over `program_checksum`, options and `Inputs.contents`: a result holds for the same one."""
         digest = hashlib.sha256(f"{program}\0{self.name}\0{self.step}\0{self.correct_phase}{self.mask_faults}".encode())
-        for path in files:
-            digest.update(b"\0" + file_checksum(path).encode())
+        for content in contents:
+            digest.update(b"\0" + content.encode())
         return digest.hexdigest()
 
 
@@ -72,18 +72,22 @@ class Inputs:
     specimens: tuple[Specimen, ...]
     error: InputError | None
 
-    @property
-    def sweeps(self) -> tuple[str, ...]:
-        """`file_checksum` of every measured sweep."""
+    def contents(self) -> tuple[str, ...]:
+        """`file_checksum` of every file, in their order; read anew each time, as files may change."""
+        return tuple(file_checksum(path) for path in self.files)
+
+    def of_sweeps(self, contents: Iterable[str]) -> tuple[str, ...]:
+        """Those of the measured sweeps among the contents of all files."""
+        known = dict(zip(self.files, contents, strict=True))
         tables = (part.measurement for one in self.specimens for part in one.of_each_sweep)
-        return tuple(file_checksum(table.file) for table in tables if table is not None and table.file is not None)
+        return tuple(known[table.file] for table in tables if table is not None and table.file is not None)
 
 
-def same_sweeps(inputs: Mapping[str, Inputs]) -> tuple[tuple[str, ...], ...]:
-    """The names of jobs with the same content of their sweeps, several in each group."""
+def same_sweeps(sweeps: Mapping[str, tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
+    """The names of jobs with the same sweeps, several in each group; sweeps : name → their contents."""
     groups: dict[tuple[str, ...], list[str]] = {}
-    for name, one in inputs.items():
-        groups.setdefault(one.sweeps, []).append(name)
+    for name, contents in sweeps.items():
+        groups.setdefault(contents, []).append(name)
     return tuple(tuple(names) for key, names in groups.items() if len(names) > 1 and key and _ABSENT not in key)
 
 

@@ -110,9 +110,12 @@ class _Run:
 
     def step(self, name: str, jobs: list[Job], records: Records) -> list[dict]:
         """The records of one step, kept or computed, without their "results", in the order of the jobs."""
-        inputs = {job.name: job.read() for job in jobs}
-        self.same = self.same or same_sweeps(inputs)
-        checksums = {job.name: job.checksum(self._program, inputs[job.name].files) for job in jobs}
+        checksums, sweeps = {}, {}
+        for job in jobs:
+            inputs = job.read()
+            contents = inputs.contents()
+            checksums[job.name], sweeps[job.name] = job.checksum(self._program, contents), inputs.of_sweeps(contents)
+        self.same = self.same or same_sweeps(sweeps)
         found: dict[str, dict] = {}
 
         def take(one: dict) -> None:

@@ -70,7 +70,7 @@ def _computed(job: Job, checksum: str, program: str) -> dict:
     from femu_piezo.batch.steps import STEPS
 
     inputs = job.read()
-    if job.checksum(program, inputs.files) != checksum:
+    if job.checksum(program, inputs.contents()) != checksum:
         return record(job, checksum, "lost", _changed(job))
     columns, results = {}, {}
     try:
@@ -85,7 +85,7 @@ def _computed(job: Job, checksum: str, program: str) -> dict:
     except Exception as error:  # the lot goes on; the row says that this is no fault of the input
         status, reason = "lost", f"unexpected {type(error).__name__}: {' '.join(str(error).split()) or 'no message'}"
         results["traceback"] = traceback.format_exc()
-    if job.checksum(program, inputs.files) != checksum:
+    if job.checksum(program, inputs.contents()) != checksum:
         return record(job, checksum, "lost", _changed(job))
     return record(job, checksum, status, reason, columns, results)
 

@@ -273,7 +273,7 @@ def growth(count: int, folder: Path) -> None:
         other = ImpedanceSpectrum(one.frequency, one.impedance * (1 + 1e-9 * number))
         write_spectrum(other, sweeps / f"p{number}.csv")
     jobs, program, out = find_jobs(sweeps, specimen), program_checksum(), folder / "out"
-    record = run_job(jobs[0], jobs[0].checksum(program, jobs[0].read().files), program)
+    record = run_job(jobs[0], jobs[0].checksum(program, jobs[0].read().contents()), program)
     assert record["status"] == "ok", record
     by_name, before = {job.name: job for job in jobs}, _peak()
 
