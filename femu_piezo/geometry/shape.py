@@ -119,8 +119,9 @@ def fits(unknowns: float, entries: float = 0.0) -> bool:
 def check_unknowns(unknowns: float, entries: float = 0.0) -> None:
     """InputError where a model, or the entries of its operator, would be too large for a few GB of memory."""
     if not fits(unknowns, entries):
+        many = f"{unknowns:.2g} unknowns" if unknowns > MOST_UNKNOWNS else f"{entries:.2g} entries in its matrices"
         raise InputError(
-            f"the mesh would have about {unknowns:.2g} unknowns, too many to be solved; lower the highest frequency "
+            f"the mesh would have about {many}, too many to be solved; lower the highest frequency "
             "(simulation.stop, --band of modes; is its unit right?) or ask for less accuracy (update.accuracy = 1e-3)"
         )
 

@@ -1,11 +1,14 @@
 """The error of waves in elements of an order, by which meshes are chosen."""
 
+import re
+
 import numpy as np
 import pytest
 import scipy.linalg as sl
 
+from femu_piezo.errors import InputError
 from femu_piezo.forward.tensor_grid import line_products
-from femu_piezo.geometry.shape import wave_error
+from femu_piezo.geometry.shape import check_unknowns, wave_error
 
 
 def error_of_a_wave(order: int, phase: float) -> float:
@@ -22,3 +25,9 @@ def error_of_a_wave(order: int, phase: float) -> float:
 def test_error_of_waves_is_that_of_periodic_elements(order: int, phase: float) -> None:
     """[p!/(2p)!]² (k h)^(2p) / (2p + 1), to leading order in k h."""
     assert wave_error(order, phase) == pytest.approx(error_of_a_wave(order, phase), rel=0.05)
+
+
+@pytest.mark.parametrize(("unknowns", "entries", "told"), [(1e6, 1e6, "1e+06 unknowns"), (2e5, 2e8, "2e+08 entries")])
+def test_a_model_too_large_is_refused_by_what_is_too_large(unknowns: float, entries: float, told: str) -> None:
+    with pytest.raises(InputError, match=re.escape(told)):
+        check_unknowns(unknowns, entries)
