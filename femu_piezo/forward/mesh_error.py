@@ -7,7 +7,9 @@ relative d, the remaining relative error is therefore at most
     ε = d ρ/(1 − ρ).
 
 Where the field is singular at the rim of an electrode, errors fall as 2^-p in graded cells (`geometry.slab_mesh`), so
-that ρ = 1/2 and ε = d.
+that ρ = 1/2 and ε = d. The same is taken where the poling is not along the field: the field is then singular also where
+an electrode ends at the edge of a face, and λ alternates with p, by up to d about its limit (plates poled along their
+length or tilted, tests/forward/test_mesh_error.py).
 """
 
 from __future__ import annotations
@@ -23,8 +25,10 @@ from femu_piezo.geometry.shape import EDGE_RATE
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.threads import in_parallel
 
-#: Ratio ρ of errors at electrode rims from one order to the next.
-_AT_RIMS = 0.5
+#: Ratio ρ of errors where the field is singular from one order to the next.
+_SINGULAR = 0.5
+#: |cos| of the angle between poling and field from which they count as parallel.
+_ALONG = 1 - 1e-6
 #: The change d of a mode is taken as at least this share of the largest change of the modes below it, because the
 #: change of a single mode may vanish by chance.
 _SHARED = 0.03
@@ -72,7 +76,8 @@ def mesh_error(model: ElectroelasticModel, constants: PiezoConstants, band_Hz: f
         return None
     nearest = np.abs(rough[:, None] / fine - 1).min(axis=0)
     least = _SHARED * np.maximum.accumulate(nearest)
-    ratio = _AT_RIMS if model.domain.rim_error else (1 - 1 / model.order) ** EDGE_RATE
+    singular = model.domain.rim_error or model.domain.poling_along_field < _ALONG
+    ratio = _SINGULAR if singular else (1 - 1 / model.order) ** EDGE_RATE
     return MeshError(np.sqrt(fine) / (2 * np.pi), ratio / (1 - ratio) * np.maximum(nearest, least))
 
 

@@ -65,6 +65,14 @@ class Domain:
         return self.copies / self.voltage_factor**2
 
     @property
+    def poling_along_field(self) -> float:
+        """|cos| of the angle between the poling and the mean normal of the hot electrode."""
+        facets = np.concatenate([self.mesh.boundaries[name] for name in self.hot])
+        basis = skfem.FacetBasis(self.mesh, self.mesh.elem(), facets=facets)
+        normal = np.sum(np.asarray(basis.normals) * basis.dx, axis=(1, 2))
+        return float(abs(np.dot(self.poling, normal)) / (np.linalg.norm(self.poling) * np.linalg.norm(normal)))
+
+    @property
     def volume(self) -> float:
         """Volume of the whole specimen, m³."""
         order = 12 if isinstance(self.mesh, CurvedHexahedra) else None

@@ -24,10 +24,12 @@ BODIES = {
     "thick disk": (catalogue.disk(10e-3, 2e-3), 800e3, 1e-4),
     "ring": (catalogue.ring(20e-3, 8e-3, 1e-3), 300e3, 1e-4),
     "trapezoid": (catalogue.trapezoid(30e-3, 8e-3, 4e-3, 1e-3), 150e3, 1e-3),
+    "shear plate": (Plate(6e-3, 4e-3, 2e-3, direction=(1, 0, 0)), 450e3, 1e-4),
+    "tilted plate": (Plate(10e-3, 5e-3, 1e-3, direction=(1, 0, 1)), 100e3, 1e-3),
 }
 
 
-@pytest.mark.parametrize("name", variants(BODIES, slow=["plate, to 300 kHz", "square"]))
+@pytest.mark.parametrize("name", variants(BODIES, slow=["plate, to 300 kHz", "square", "shear plate"]))
 def test_no_eigenvalue_is_farther_off_than_stated(name):
     """The error is at most 1.2 times the stated one, and the largest stated error at most 20 times the largest true
     one.
