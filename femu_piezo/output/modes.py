@@ -84,7 +84,7 @@ def _color_bar(figure: Figure, axis, shape: Shape) -> None:
 def overview_figure(result: ModesResult) -> Figure:
     """All driven modes of the band on one sheet, at their poles, and the body at rest with its electrodes."""
     images = [_stacked(electrode_image(result, above=True), electrode_image(result, above=False))]
-    titles = ["electrodes, from above and below:\nhot red, ground blue, bare ceramic pale"]
+    titles = ["electrodes, from two opposite sides:\nhot red, ground blue, bare ceramic pale"]
     for number, mode in enumerate(result.modes, start=1):
         images.append(_image(shapes_of(result, mode)[0], (1000, 700)))
         coupling = "" if mode.k_eff is None else f", $k_\\mathrm{{eff}}$ = {mode.k_eff:.3f}"

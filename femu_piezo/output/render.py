@@ -173,10 +173,12 @@ def _sharp_edges(mesh):
 
 
 def _aim(plotter, points: np.ndarray, above: bool = True, largest: float = 0.0) -> None:
-    """Oblique view from above or below that fits a body, even where its points (p, 3) move by up to `largest`, m."""
+    """Oblique view from above, or from the opposite side, that fits a body even where its points (p, 3) move by
+    `largest`, m.
+    """
     low, high = points.min(axis=0), points.max(axis=0)
     center, half = (low + high) / 2, (high - low) / 2
-    toward = np.array([0.55, -1.0, 0.75 if above else -0.75])
+    toward = np.array([0.55, -1.0, 0.75]) * (1 if above else -1)
     toward /= np.linalg.norm(toward)
     across = np.cross([0.0, 0.0, 1.0], toward)
     across /= np.linalg.norm(across)

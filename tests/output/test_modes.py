@@ -162,7 +162,7 @@ def test_a_body_of_any_proportions_is_within_the_picture(size: tuple[float, floa
     corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T * size
     _aim(plotter, corners, above, largest=0.3)
     eye, focus, up = (np.array(part) for part in plotter.camera_position)
-    assert np.sign(eye[2]) == (1 if above else -1)
+    assert np.sign(eye).tolist() == ([1, -1, 1] if above else [-1, 1, -1])
     view = (focus - eye) / np.linalg.norm(focus - eye)
     right = np.cross(view, up) / np.linalg.norm(np.cross(view, up))
     seen = corners + 0.3 * np.sign(corners) - eye
