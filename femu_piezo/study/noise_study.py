@@ -1,14 +1,15 @@
 """What updates of planned sweeps would return: bias, deviation and coverage against the noise and the number of points.
 
 Specimens are drawn whose dimensions, density, held constants and instrument are off by their tolerances, swept with
-noise, and updated with the values of the file. The study tells whether the deviations that an update states hold, also
-for few points and much noise. The sweeps come from the model of the update, so it says nothing of errors of the model.
+noise, and updated with the values of the file; readings of other instruments are those of the drawn specimen. The study
+tells whether the deviations that an update states hold, also for few points and much noise. The sweeps come from the
+model of the update, so it says nothing of errors of the model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -117,7 +118,7 @@ def noise_study(
                 sizes=sizes,
             )
             try:
-                one = fit(response, data, unknowns, [start])
+                one = fit(response, data, _with_readings_of(unknowns, truth, rng), [start])
             except ConvergenceError:
                 lost += 1
                 continue
@@ -147,6 +148,16 @@ def _specimen(unknowns: Unknowns, start: np.ndarray, rng: np.random.Generator) -
             return x
     raise ConvergenceError(
         "no passive specimen was drawn within the tolerances of the held tangents; state both, as tan_ and std_tan_"
+    )
+
+
+def _with_readings_of(unknowns: Unknowns, truth: np.ndarray, rng: np.random.Generator) -> Unknowns:
+    """The unknowns with readings of a specimen (n_x,), each off by a draw of its deviation."""
+    errors = rng.standard_normal(len(unknowns.readings))
+    read = zip(unknowns.readings, errors, strict=True)
+    return replace(
+        unknowns,
+        readings=tuple(replace(one, value=one.value + (one.row(unknowns, truth)[0] + e) * one.std) for one, e in read),
     )
 
 
