@@ -179,7 +179,8 @@ def _columns(unknowns: Unknowns, subjects: Sequence[Subject]) -> dict[tuple[str,
     for number, effect in enumerate(unknowns.effects):
         for column, parameter in enumerate(effect.parameters, unknowns.columns(number).start):
             name = _tolerance_of(effect, parameter.name)
-            if name in known and parameter.tolerance > 0 and not effect.freed:
+            # coefficients of temperature have the names of constants, and no key of the file
+            if name in known and parameter.tolerance > 0 and not (effect.freed or effect.of_conditions):
                 found.setdefault((name, effect.owner), []).append(column)
     return found
 

@@ -88,6 +88,18 @@ def test_expected_deviations_are_those_of_an_update(piece, tolerance, today, spe
         assert after[label] / before[label] == pytest.approx(1 - one.shrinks(label), rel=0.03), label
 
 
+def test_coefficients_of_temperature_are_no_tolerance_of_the_constant_they_change(specimen):
+    """Two sweeps 40 K apart, whose file halves the deviation of d33: the expected gain is that of such a file."""
+    sweeps = "".join(f'\n[[sweep]]\nfile = "{warm}.csv"\ntemperature = "{warm} degC"\n' for warm in (20, 60))
+    today, again = (
+        fp.identify(specimen(text + sweeps), recommend=False).expected
+        for text in (PLATE, PLATE.replace("material]", "material]\nstd_d33 = 0.015"))
+    )
+    one = improvement(today, "std_d33")
+    assert relative(again.parameters) == pytest.approx(one.halved, rel=1e-9, abs=0)
+    assert one.halved["eps33T"] < (1 - 1e-6) * one.before["eps33T"]
+
+
 READ = (
     PLATE
     + """
