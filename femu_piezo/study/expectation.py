@@ -134,7 +134,7 @@ def expect(subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise
         smaller = expected_std(rows, unknowns.prior_std * prior)
         return {label: float(smaller[column] * size) for label, (column, size) in labels.items()}
 
-    found = [Improvement("noise", "", noise, "1", before, after(sweep=0.5), {})]
+    found = [Improvement("noise", "", noise, "1", before, after(sweep=_error(noise / 2) / _error(noise)), {})]
     for number, one in enumerate(unknowns.readings):
         halved, exact = (after(read=_times(len(unknowns.readings), [number], share)) for share in (0.5, EXACT))
         key, today = f"readings.std_{one.name}", one.std / abs(one.value)
@@ -161,9 +161,14 @@ def whitened_jacobian(
     """Whitened Jacobians of all sweeps, (2k, n_x), and of all readings, (m, n_x)."""
     response = together([(one.share, evaluation) for one, evaluation in zip(subjects, evaluations, strict=True)])
     z, slopes = response.with_jacobian(unknowns, x)
-    data = SweepData(response.omega / (2 * np.pi), z, np.full(z.size, np.hypot(noise, LEAST_ERROR)), noise_known=True)
+    data = SweepData(response.omega / (2 * np.pi), z, np.full(z.size, _error(noise)), noise_known=True)
     readings = [reading.row(unknowns, x)[1] for reading in unknowns.readings]
     return data.whitened(z, slopes)[1], np.reshape(readings, (-1, x.size))
+
+
+def _error(noise: float) -> float:
+    """Relative error of a point: of the noise, and of the model."""
+    return float(np.hypot(noise, LEAST_ERROR))
 
 
 def labels_of(material: MaterialParameters) -> dict[str, tuple[int, float]]:

@@ -168,6 +168,15 @@ def test_noise_only_leaves_noise(specimen):
     assert all(one.std / abs(one.value) < 1e-4 for one in expected.parameters.values())
 
 
+def test_less_noise_than_the_error_of_the_model_gains_little(specimen):
+    """At a noise of 1e-5, as large as the error of the model, half of it gains what `identify` states at half of it."""
+    alone = specimen(PLATE + "\n[update]\nnoise_only = true\n")
+    today, again = (fp.identify(alone, noise, recommend=False).expected for noise in (1e-5, 5e-6))
+    one = improvement(today, "noise")
+    assert one.halved == pytest.approx(relative(again.parameters), rel=1e-9, abs=0)
+    assert one.shrinks("s11") == pytest.approx(1 - np.sqrt(1.25 / 2), rel=1e-3)
+
+
 def test_tolerances_of_a_piece_that_was_weighed_and_of_two_specimens(specimen):
     """The tolerance of a mass is in kg; each specimen has its own dimensions, the fixture is common to both."""
     weighed = PLATE.replace('density = "7500 kg/m^3"', 'mass = "0.27 g"')
