@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 
 from femu_piezo.effects.effect import Effect, EffectParameter
 from femu_piezo.effects.words import usual_size
-from femu_piezo.inference.ensemble import Ensemble, is_common, with_default_owner
+from femu_piezo.inference.ensemble import Ensemble, with_default_owner
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.threads import Once
@@ -86,7 +86,7 @@ class Plan:
         rows = slopes / z[:, None] * weight[:, None]
         reading, row = 0.0, np.zeros((1, x.size))
         for index, (effect, values) in enumerate(zip(owned.effects, owned.values(x), strict=True)):
-            slope = self.readings.get((effect.name, "" if is_common(effect) else effect.owner))
+            slope = self.readings.get((effect.name, effect.owner))
             if slope is not None:
                 reading += float(slope @ (values - effect.rest))
                 row[0, owned.columns(index)] = slope * effect.scale

@@ -8,12 +8,12 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext
 
-#: Effect of the fixture → what to read, and the σ of such a reading in SI.
+#: Effect of the fixture → what to read, how exactly, and the σ of such a reading in SI.
 _FIXTURE = {
-    "stray_capacitance": ("measure the open fixture without the specimen, to 0.05 pF", 5e-14),
-    "series_resistance": ("measure the shorted fixture, to 0.02 ohm", 0.02),
-    "series_inductance": ("measure the shorted fixture, to 10 nH", 1e-8),
-    "leakage": ("measure the insulation resistance at dc, to 10 nS", 1e-8),
+    "stray_capacitance": ("measure the open fixture without the specimen", "0.05 pF", 5e-14),
+    "series_resistance": ("measure the shorted fixture", "0.02 ohm", 0.02),
+    "series_inductance": ("measure the shorted fixture", "10 nH", 1e-8),
+    "leakage": ("measure the insulation resistance at dc", "10 nS", 1e-8),
 }
 #: Relative σ of a length by micrometer, and of a mass by balance.
 _MICROMETER, _BALANCE = 1e-3, 1e-3
@@ -31,8 +31,9 @@ def readings(effects: Sequence[Effect], contexts: dict[str, EffectContext]) -> l
     for effect in effects:
         key = (effect.name, effect.owner)
         if effect.name in _FIXTURE:
-            words, std = _FIXTURE[effect.name]
-            found.append((words, {key: np.eye(1, len(effect.parameters))[0] / std}))
+            words, exactly, std = _FIXTURE[effect.name]
+            fixture = f" ({effect.owner})" if effect.owner else ""
+            found.append((f"{words}{fixture}, to {exactly}", {key: np.eye(1, len(effect.parameters))[0] / std}))
         elif effect.resizes:
             dimension = effect.name.removeprefix("wrong_").replace("_", " ")
             words = f"measure the {dimension}{_whose(effect)} with a micrometer, to 0.1 %"

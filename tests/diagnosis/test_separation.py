@@ -166,6 +166,22 @@ def test_readings_add_what_they_measure(setup, low):
     assert separation(replace(dull, readings=weighed), *both) < 0.1
 
 
+def test_each_of_two_fixtures_is_read_by_itself(setup, low):
+    """Stray capacitances of two fixtures: two readings, each of which tells that of its own fixture, to 0.05 pF."""
+    kept, evaluation = low
+    effects = [with_owner(setup.library["stray_capacitance"], name) for name in ("jig", "clamp")]
+    found = readings(effects, {})
+    assert [words.partition(",")[0] for words, _ in found] == [
+        f"measure the open fixture without the specimen ({name})" for name in ("jig", "clamp")
+    ]
+    dull = Plan("", evaluation, np.full(int(kept.sum()), 1e6))  # noise so large that the sweep has no information
+    for own in range(2):
+        parameters = setup.unknowns.with_candidate(effects[own])
+        x = parameters.carried(setup.unknowns, setup.x)
+        told = [strength(replace(dull, readings=slopes), Point(parameters, x), 0, 1e-12) for _, slopes in found]
+        assert told[own] == pytest.approx(20.0, rel=1e-3) and told[1 - own] < 0.01
+
+
 def test_a_weighed_piece_is_not_to_be_weighed(setup):
     """Its mass is known; its dimensions are measured all the same."""
     constants = setup.material.constants(setup.x)
