@@ -59,12 +59,16 @@ def _mass(effect: Effect, context: EffectContext) -> np.ndarray | None:
     None where the effect does not change the mass.
     """
     slopes = np.zeros(len(effect.parameters))
-    if effect.stretch is not None:
+    if effect.density is not None:
+        slopes[:] = effect.density(effect.rest)[1]
+    elif effect.stretch is not None:
         slopes[:] = effect.stretch(effect.rest)[1].sum(axis=0)  # the volume grows with each dimension
     elif effect.reshaping is not None:
         slopes[0] = effect.reshaping.volume(0.0)[1]
     elif effect.name == "electrode_mass":
         slopes[0] = 2 / (context.density * context.thickness)
+    elif effect.name == "film_stiffness":  # D q on each face
+        slopes[0] = 2 * effect.rest[2] / (context.density * context.thickness)
     elif effect.name == "point_mass" and context.mass is not None:
         slopes[0] = 1 / context.mass
     else:

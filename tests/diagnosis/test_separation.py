@@ -14,6 +14,7 @@ from femu_piezo.effects.effect import EffectContext, EffectParameter
 from femu_piezo.effects.library import library
 from femu_piezo.inference.ensemble import with_owner
 from femu_piezo.inference.fit import fit
+from femu_piezo.inference.readings import Reading
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.measurement.sweeps import SweepData
 
@@ -164,6 +165,22 @@ def test_readings_add_what_they_measure(setup, low):
     assert separation(plan, *both) == pytest.approx(4.0, rel=1e-3)
     # the balance cannot separate width and film, which may weigh the same
     assert separation(replace(dull, readings=weighed), *both) < 0.1
+
+
+def test_a_balance_reads_whatever_changes_the_mass(setup):
+    """The planned weighing of every effect, against differences of the mass that a fit would have as a reading."""
+    context = EffectContext(117e3, ("s11", "d31", "eps33T"), setup.constants, AXES, DENSITY, SIZE[2], 2e3, SIZE)
+    known = {effect.key: effect for effect in library(context)}
+    weighed = dict(readings(list(known.values()), {"": context}))["weigh the specimen, to 0.1 %"]
+    mass = DENSITY * float(np.prod(SIZE))
+    balance = Reading("mass", mass, 1e-3 * mass, "", DENSITY, float(np.prod(SIZE)), SIZE[0] * SIZE[1], SIZE[2], 2)
+    for key, effect in known.items():
+        rest = setup.with_effects({key: effect.rest})
+        own = rest[0].columns(0)
+        slopes = balance.row(*rest)[1][own] / effect.scale
+        planned = weighed.get((effect.name, ""), np.zeros(slopes.size))
+        np.testing.assert_allclose(planned, slopes, rtol=1e-9, err_msg=key)
+    assert {"wrong_density", "wrong_length", "film_stiffness", "point_mass"} <= {name for name, _ in weighed}
 
 
 def test_each_of_two_fixtures_is_read_by_itself(setup, low):
