@@ -164,7 +164,8 @@ def _of_round(shape: Slab, constants: PiezoConstants, density: float, common: di
     if shape.thickness > 2 * outer:
         piece = Piece("k33 bar", shape.thickness, **common, aspect=("length/diameter", shape.thickness / (2 * outer)))
         return [(piece, thin_bar_frequency(constants.s33, density, shape.thickness))]
-    thick = _thickness(shape.thickness, (2 * outer) / shape.thickness, constants, density, common)
+    across = outer - inner if inner > 0 else 2 * outer
+    thick = _thickness(shape.thickness, across / shape.thickness, constants, density, common)
     if inner > NARROW_RING * outer:
         ratio = ("mean diameter/width", (inner + outer) / (outer - inner))
         ring = Piece("ring", inner + outer, **common, aspect=ratio)

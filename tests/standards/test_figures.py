@@ -25,6 +25,8 @@ from femu_piezo.specimen.file import CONSTANTS
 from femu_piezo.standards.figures import read_curve, standard_figures
 from femu_piezo.standards.frequencies import characteristic_frequencies
 from femu_piezo.standards.piece import Piece, material_figures
+from femu_piezo.study.problem import prepare
+from femu_piezo.study.standard_figures import pieces_of
 from tests import k31_bar
 from tests.commands import invoked
 from tests.noise import noisy
@@ -172,6 +174,31 @@ def test_capacitance_from_frequencies_near_the_resonance(name):
     assert "does not include 1 kHz" in found.notes[0]
     at_1kHz = admittance(np.array([1e3]))[0].imag / (2e3 * np.pi)
     assert found["C_T"].value == pytest.approx(at_1kHz, rel=1e-4)
+
+
+RING = """\
+name = "ring"
+[geometry]
+shape = "ring"
+diameter = "40 mm"
+inner_diameter = "{inner} mm"
+thickness = "1.5 mm"
+density = "7600 kg/m^3"
+[material]
+base = "pzt-5h"
+"""
+
+
+def test_the_width_of_a_ring_is_that_of_its_wall(tmp_path):
+    """Bent straight, a ring is a bar as wide as its wall: only a wall far wider than thick has a thickness mode."""
+    kinds = {}
+    for inner in (36, 14):
+        (tmp_path / "ring.toml").write_text(RING.format(inner=inner), encoding="utf-8")
+        problem = prepare(fp.read_specimen(tmp_path / "ring.toml"))
+        pieces = [piece for piece, _ in pieces_of(problem.plate, problem.constants, problem.density)]
+        kinds[inner] = {piece.kind: piece.aspect for piece in pieces}
+    assert set(kinds[36]) == {"ring"}  # a wall of 2 x 1.5 mm
+    assert kinds[14]["thickness plate"] == ("width/thickness", pytest.approx(13 / 1.5))
 
 
 def circuit(f, c0=1e-9, c1=1e-10, resistance=40.0, fs=100e3):
