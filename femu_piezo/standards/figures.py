@@ -223,10 +223,10 @@ def _deviation_between(at: float, frequency: np.ndarray, noise: np.ndarray) -> f
 
 
 def _reading_deviations(values: dict[str, float], relative: float) -> dict[str, float]:
-    """Deviations of C, ε33T and tan δ, where the real and the imaginary part of one reading have a relative one."""
+    """Deviations of C, ε and tan δ, where the real and the imaginary part of one reading have a relative one."""
     if not relative:
         return {}
-    found = {name: abs(values[name]) * relative for name in ("C_T", "eps33T") if name in values}
+    found = {name: abs(values[name]) * relative for name in ("C_T", "eps33T", "eps11T") if name in values}
     return found | ({"tan_delta": relative} if "tan_delta" in values else {})
 
 

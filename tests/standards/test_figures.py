@@ -383,6 +383,18 @@ def test_deviations_of_a_reading_between_two_points():
     assert 0.85 < np.sqrt(np.mean(np.square(away))) < 1.2
 
 
+@pytest.mark.parametrize("name", ["k31 bar", "shear"])
+def test_permittivity_is_as_uncertain_as_the_capacitance(name):
+    """Along and across the poling."""
+    piece, admittance, frequency, _ = CASES[name]
+    found = extract(ImpedanceSpectrum(frequency, 1 / admittance(frequency)))
+    pair, points = fundamental(found.pairs), (frequency, 1 / admittance(frequency))
+    noise = np.full(frequency.size, 2e-3)
+    read = read_curve(found.model.admittance, points, pair.pole, pair.zero, piece, noise=noise)
+    of_permittivity = "eps11T" if name == "shear" else "eps33T"
+    assert read.std[of_permittivity] / read.values[of_permittivity] == pytest.approx(2e-3 / np.sqrt(2), rel=1e-6)
+
+
 def test_clipped_readings_give_no_capacitance():
     """The instrument shows no more than 20 kohm, which the piece has up to 10 kHz."""
     frequency = np.geomspace(100, 60e3, 800)
