@@ -201,8 +201,7 @@ def _sweeps(
         parts, noise = [], []
         for one, model in zip(several, models, strict=True):
             frequency = _thinned(one.measured.fitted.frequency)
-            end = frequency[-1]
-            more = np.arange(end, factor * end, np.median(np.diff(frequency)))[1 : _POINTS + 1]
+            more = _beyond(frequency, factor)
             parts.append((_share(one, now.owner), Evaluation(model, 2 * np.pi * np.concatenate([frequency, more]))))
             noise.append(_noise(one, frequency.size + more.size))
         words = f"sweep up to {factor:g} times the present upper frequency"
@@ -316,6 +315,17 @@ def _coarse(
 def _thinned(frequency: np.ndarray) -> np.ndarray:
     """At most `_POINTS` of the frequencies."""
     return frequency[:: -(-frequency.size // _POINTS)]
+
+
+def _beyond(frequency: np.ndarray, factor: float) -> np.ndarray:
+    """At most `_POINTS` frequencies behind those of a sweep, up to `factor` times its end.
+
+    They are as dense as those of the sweep where that many reach so far: not behind a sweep of a narrow band, or one
+    with crowded points about its resonances.
+    """
+    end = frequency[-1]
+    steps = int((factor - 1) * end / np.median(np.diff(frequency)))
+    return np.linspace(end, factor * end, 1 + max(1, min(steps, _POINTS)))[1:]
 
 
 def _noise(one: Subject, size: int) -> np.ndarray:

@@ -17,6 +17,7 @@ from femu_piezo.inference.fit import fit
 from femu_piezo.inference.readings import Reading
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.study.planning import _beyond
 
 NOISE = 1e-3
 
@@ -60,6 +61,17 @@ def test_wider_band_separates_as_a_fit_to_it_does(setup, low):
     assert expected > 5 * separation(present, *points)
     quiet = replace(plan, relative_noise=plan.relative_noise / 3)
     assert separation(quiet, *points) == pytest.approx(3 * expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("low", [1e3, 90e3])
+def test_a_planned_wider_band_has_points_up_to_its_end(low):
+    """Of a sweep of a wide band, of a narrow one and of one with crowded points about a resonance."""
+    even = np.linspace(low, 110e3, 200)
+    for present in (even, np.union1d(even, np.linspace(99e3, 101e3, 150))):
+        more = _beyond(present, 1.5)
+        assert more[-1] == pytest.approx(165e3) and more.size <= 250
+        assert more[0] - 110e3 == pytest.approx(np.diff(more)[0]) and np.ptp(np.diff(more)) < 1e-6
+    assert np.diff(_beyond(np.linspace(1e3, 110e3, 200), 1.5))[0] == pytest.approx(109e3 / 199, rel=0.02)
 
 
 def test_the_tolerance_of_a_further_specimen_bounds_the_strength(setup, low):
