@@ -81,12 +81,19 @@ def effect_context(
     )
 
 
-def expected_context(problem: Problem, band_Hz: tuple[float, float]) -> EffectContext:
-    """The context of a specimen before it is measured: pole and |Z| as its constants let expect, its first sweep."""
+def expected_context(
+    problem: Problem, band_Hz: tuple[float, float], conditions: SweepConditions | None = None
+) -> EffectContext:
+    """The context of a specimen before it is measured: pole and |Z| as its constants let expect.
+
+    conditions : of the sweep; those of its first where None
+    """
     capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
     pole = problem.expected_pole_Hz
     impedance = 1 / (2 * np.pi * pole * capacitance)
-    return effect_context(problem, pole, impedance, band_Hz, conditions=conditions_of(problem.specimen)[0])
+    return effect_context(
+        problem, pole, impedance, band_Hz, conditions=conditions or conditions_of(problem.specimen)[0]
+    )
 
 
 def known_effects(

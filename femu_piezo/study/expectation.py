@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.effect import Effect, SweepConditions
 from femu_piezo.inference.budget import estimates_of
 from femu_piezo.inference.ensemble import together
 from femu_piezo.inference.expectation import EXACT, expected_budget, expected_std
@@ -20,6 +20,7 @@ from femu_piezo.inference.unknowns import Estimate, MaterialParameters, Unknowns
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Measurement
 from femu_piezo.study.effects import expected_context
+from femu_piezo.study.measured import conditions_of, from_common_mean
 from femu_piezo.study.problem import Problem
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, subject
 from femu_piezo.study.unknowns import as_filed, unknowns_of
@@ -93,22 +94,44 @@ class Expectation:
 
 
 def planned(problems: Sequence[Problem], bands_Hz: Sequence[tuple[float, float]]) -> tuple[Subject, ...]:
-    """What an update would know of each specimen before its sweep; names are made different where two are alike."""
+    """What an update would know of each sweep before it is taken, those of one specimen one after another.
+
+    Names of specimens are made different where two are alike.
+
+    bands_Hz : lowest and highest frequency of the sweeps of each specimen
+    """
     names = [problem.specimen.name for problem in problems]
     if len(set(names)) < len(names):
         names = [f"{name} ({number})" for number, name in enumerate(names, 1)]
     names = names if len(names) > 1 else [""]
     band = min(low for low, _ in bands_Hz), max(high for _, high in bands_Hz)
-    return tuple(_planned(*item, band) for item in zip(problems, names, bands_Hz, strict=True))
+    each = [
+        (*item, conditions)
+        for item in zip(problems, names, bands_Hz, strict=True)
+        for conditions in conditions_of(item[0].specimen)
+    ]
+    every = from_common_mean([conditions for *_, conditions in each])
+    several = len({conditions.fixture for conditions in every}) > 1
+    return tuple(
+        _planned(problem, name, own, band, conditions, conditions.fixture if several else "")
+        for (problem, name, own, _), conditions in zip(each, every, strict=True)
+    )
 
 
-def _planned(problem: Problem, name: str, band_Hz: tuple[float, float], of_all: tuple[float, float]) -> Subject:
+def _planned(
+    problem: Problem,
+    name: str,
+    band_Hz: tuple[float, float],
+    of_all: tuple[float, float],
+    conditions: SweepConditions,
+    fixture: str,
+) -> Subject:
     """band_Hz, of_all : lowest and highest frequency of its sweep, and of all sweeps"""
     specimen = problem.specimen
     measurement = specimen.measurement or Measurement()
     measured = replace(problem, specimen=specimen.model_copy(update={"measurement": measurement}))
-    context = replace(expected_context(measured, band_Hz), band_Hz=of_all)
-    return subject(name, problem, None, np.zeros(0), context)
+    context = replace(expected_context(measured, band_Hz, conditions), band_Hz=of_all)
+    return subject(name, problem, None, np.zeros(0), context, fixture=fixture)
 
 
 def expect(subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise: float) -> Expectation:
@@ -117,7 +140,7 @@ def expect(subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise
     Parameters
     ----------
     subjects : of `planned`
-    evaluations : of each specimen over its sweep, by a model that serves its tolerances
+    evaluations : of each sweep, by a model that serves the tolerances of its specimen
         (`femu_piezo.study.unknowns.effects_served`)
     noise : relative standard deviation of every point
     """

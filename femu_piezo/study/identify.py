@@ -164,22 +164,26 @@ def identify(
     problems = [_lossy(prepare(specimen, check=False)) for specimen in specimens]
     first = problems[0]
     sweeps = [sweep_frequencies(problem) for problem in problems]
-    subjects = planned(problems, [(float(sweep[0]), float(sweep[-1])) for sweep in sweeps])
+    bands = [(float(sweep[0]), float(sweep[-1])) for sweep in sweeps]
+    subjects = planned(problems, bands)
     blocks, pictures, evaluations = [], [], []
-    for problem, subject, frequency in zip(problems, subjects, sweeps, strict=True):
+    for problem, frequency in zip(problems, sweeps, strict=True):
         progress(problem.specimen.name)
-        evaluation = _evaluation(problem, first, frequency, effects_served(subject, tolerances_of(subjects)))
+        own = [one for one in subjects if one.problem is problem]
+        served = {effect.key: effect for one in own for effect in effects_served(one, tolerances_of(subjects))}
+        evaluation = _evaluation(problem, first, frequency, tuple(served.values()))
         block, picture = _jacobian(evaluation, problem.specimen.name, first, noise)
-        blocks.append(block)
+        blocks += [block] * len(own)
         pictures.append(picture)
-        evaluations.append(evaluation)
+        evaluations += [evaluation] * len(own)
     expected = expect(subjects, evaluations, noise)
     where = None
     if plan:
-        if len(subjects) > 1:
-            raise InputError(f"a plan takes one specimen, and {len(subjects)} are given; give them one by one")
+        if len(problems) > 1:
+            raise InputError(f"a plan takes one specimen, and {len(problems)} are given; give them one by one")
         progress("plan")
-        where = plan_sweep(subjects[0], evaluations[0], noise, plan)
+        alone = replace(first, specimen=first.specimen.model_copy(update={"sweep": None}))
+        where = plan_sweep(*planned([alone], bands), evaluations[0], noise, plan)
     names, values, prior = _unknowns(first)
     blocks.append(prior)
     known = identifiability(np.concatenate(blocks), names, values)

@@ -131,11 +131,8 @@ def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None 
         sweeps = [(own, next(given)) for own in specimen.of_each_sweep]
         _refuse_idle_layout(specimen, sweeps)
         found += _of_one_piece(specimen, [_analysed(*one) for one in sweeps])
-    warmer, span = _from_mean([one.conditions.celsius for one in found])
-    return [
-        replace(one, conditions=replace(one.conditions, warmer_K=float(kelvin), span_K=span))
-        for one, kelvin in zip(found, warmer, strict=True)
-    ]
+    conditions = from_common_mean([one.conditions for one in found])
+    return [replace(one, conditions=own) for one, own in zip(found, conditions, strict=True)]
 
 
 def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
@@ -267,6 +264,12 @@ def conditions_of(piece: Specimen) -> list[SweepConditions]:
         )
         for number, (one, volt, kelvin) in enumerate(zip(sweeps, volts, warmer, strict=True))
     ]
+
+
+def from_common_mean(conditions: Sequence[SweepConditions]) -> list[SweepConditions]:
+    """Conditions of all sweeps that are fitted together, with temperatures counted from the mean of all."""
+    warmer, span = _from_mean([one.celsius for one in conditions])
+    return [replace(one, warmer_K=float(kelvin), span_K=span) for one, kelvin in zip(conditions, warmer, strict=True)]
 
 
 def _from_mean(celsius: Sequence[float | None]) -> tuple[np.ndarray, float]:

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 import femu_piezo as fp
+from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.specimen.file import read_specimen
 from tests.commands import succeeded
+from tests.noise import noisy
 
 #: A plate with the usual tolerances, and sweeps of twelve such plates by spectral elements (make_sweep.py there).
 FOLDER = Path(__file__).resolve().parents[2] / "tutorials" / "stated_uncertainty"
@@ -88,16 +90,58 @@ def test_expected_deviations_are_those_of_an_update(piece, tolerance, today, spe
         assert after[label] / before[label] == pytest.approx(1 - one.shrinks(label), rel=0.03), label
 
 
+SWEEP = '\n[[sweep]]\nfile = "{name}.csv"\n{key} = "{value}"\n'
+
+
 def test_coefficients_of_temperature_are_no_tolerance_of_the_constant_they_change(specimen):
-    """Two sweeps 40 K apart, whose file halves the deviation of d33: the expected gain is that of such a file."""
-    sweeps = "".join(f'\n[[sweep]]\nfile = "{warm}.csv"\ntemperature = "{warm} degC"\n' for warm in (20, 60))
-    today, again = (
-        fp.identify(specimen(text + sweeps), recommend=False).expected
-        for text in (PLATE, PLATE.replace("material]", "material]\nstd_d33 = 0.015"))
-    )
-    one = improvement(today, "std_d33")
-    assert relative(again.parameters) == pytest.approx(one.halved, rel=1e-9, abs=0)
+    """Two plates 40 K apart, whose files halve the deviation of d33: the expected gain is that of such files."""
+    pieces = {"plate": ("12 mm", 20), "long": ("18 mm", 60)}
+
+    def expected(table: str):
+        texts = {
+            name: PLATE.replace('name = "plate"', f'name = "{name}"')
+            .replace("12 mm", length)
+            .replace("material]", table)
+            + SWEEP.format(name=name, key="temperature", value=f"{warm} degC")
+            for name, (length, warm) in pieces.items()
+        }
+        files = [specimen(text, f"{name}.toml") for name, text in texts.items()]
+        return fp.identify(files, recommend=False).expected
+
+    one = improvement(expected("material]"), "std_d33")
+    again = relative(expected("material]\nstd_d33 = 0.015").parameters)
+    assert again == pytest.approx(one.halved, rel=1e-9, abs=0)
     assert one.halved["eps33T"] < (1 - 1e-6) * one.before["eps33T"]
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [("temperature", ("20 degC", "60 degC")), ("fixture", ("clips", "foam")), ("direction", ("up", "down"))],
+)
+def test_every_sweep_of_a_specimen_is_expected(key, values, specimen, tmp_path):
+    """Two sweeps 40 K apart, of two fixtures or in two directions, against an update of such sweeps by the model.
+
+    Sweeps at two temperatures tell the constants at their mean, whatever a single one tells.
+    """
+    text = PLATE + "".join(
+        SWEEP.format(name=name, key=key, value=value) for name, value in zip("ab", values, strict=True)
+    )
+    clean = fp.simulate(specimen()).spectrum
+    for seed, name in enumerate("ab"):
+        noise = noisy(clean.impedance, 1e-3, seed)
+        write_spectrum(fp.ImpedanceSpectrum(clean.frequency, noise), tmp_path / f"{name}.csv")
+    several = specimen(text)
+    expected = relative(fp.identify(several, recommend=False).expected.parameters)
+    assert expected == pytest.approx(relative(fp.update(several).parameters), rel=0.08, abs=0)
+
+
+def test_a_plan_for_a_file_with_several_sweeps_is_one_sweep(specimen):
+    """The next sweep, by the constants of the file, whatever the temperatures of those that it names."""
+    sweeps = (SWEEP.format(name=warm, key="temperature", value=f"{warm} degC") for warm in (20, 60))
+    one, several = (
+        fp.identify(specimen(text), recommend=False, plan=32).plan for text in (PLATE, PLATE + "".join(sweeps))
+    )
+    np.testing.assert_allclose(several.frequency, one.frequency)
 
 
 READ = (
