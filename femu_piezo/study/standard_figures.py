@@ -146,16 +146,15 @@ def pieces_of(shape: Shape, constants: PiezoConstants, density: float) -> list[t
 
 
 def _of_plate(shape: Plate, constants: PiezoConstants, density: float, common: dict) -> list[tuple[Piece, float]]:
-    length, width, thickness = shape.dimensions
-    if shape.poling == "length" or thickness > max(length, width):
-        extent, wide = (length, max(width, thickness)) if shape.poling == "length" else (thickness, max(length, width))
-        piece = Piece("k33 bar", extent, **common, aspect=("length/width", extent / wide))
-        return [(piece, thin_bar_frequency(constants.s33, density, extent))]
-    extent, wide = max(length, width), min(length, width)
-    bar = Piece("k31 bar", extent, **common, aspect=("length/width", extent / wide))
+    along = float(shape.dimensions[shape.poling_axis])
+    narrow, wide = np.sort(np.delete(shape.dimensions, shape.poling_axis)).tolist()
+    if along > wide:
+        piece = Piece("k33 bar", along, **common, aspect=("length/width", along / wide))
+        return [(piece, thin_bar_frequency(constants.s33, density, along))]
+    bar = Piece("k31 bar", wide, **common, aspect=("length/width", wide / narrow))
     return [
-        (bar, thin_bar_frequency(constants.s11, density, extent)),
-        *_thickness(thickness, wide / thickness, constants, density, common),
+        (bar, thin_bar_frequency(constants.s11, density, wide)),
+        *_thickness(along, narrow / along, constants, density, common),
     ]
 
 

@@ -18,6 +18,8 @@ from scipy.special import jv
 import femu_piezo as fp
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.roots import fundamental
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.library import library_material
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.output.tables import deviation_percent, extraction_table
@@ -174,6 +176,20 @@ def test_capacitance_from_frequencies_near_the_resonance(name):
     assert "does not include 1 kHz" in found.notes[0]
     at_1kHz = admittance(np.array([1e3]))[0].imag / (2e3 * np.pi)
     assert found["C_T"].value == pytest.approx(at_1kHz, rel=1e-4)
+
+
+@pytest.mark.parametrize("sizes", [(24e-3, 3e-3, 0.5e-3), (24e-3, 10e-3, 1e-3), (3e-3, 3e-3, 15e-3)])
+def test_a_body_has_one_kind_whichever_of_its_sizes_is_called_length(sizes):
+    """Poled along the last of its sizes, be that called thickness or length."""
+    long, wide, along = sizes
+    constants = library_material("pzt-5h").constants
+    first, second = (
+        pieces_of(plate, constants, 7500.0) for plate in (Plate(long, wide, along), Plate(along, wide, long, "length"))
+    )
+    assert [piece.kind for piece, _ in first] == [piece.kind for piece, _ in second]
+    for (one, expected), (other, frequency) in zip(first, second, strict=True):
+        assert other.extent == pytest.approx(one.extent) and frequency == pytest.approx(expected)
+        assert other.aspect == (one.aspect[0], pytest.approx(one.aspect[1]))
 
 
 RING = """\
