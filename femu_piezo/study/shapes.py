@@ -89,14 +89,21 @@ def electrode_notes(specimen: Specimen) -> tuple[str, ...]:
     )
 
 
+def _extents(shape: Shape) -> np.ndarray:
+    """(3,) extents of a body along the axes, m."""
+    if isinstance(shape, MeshFile):
+        return shape.extents
+    if isinstance(shape, Plate):
+        return shape.dimensions
+    low_x, high_x, low_y, high_y = shape.outline.extents
+    return np.array([high_x - low_x, high_y - low_y, shape.thickness])
+
+
 def first_mode_Hz(shape: Shape, constants: PiezoConstants, density: float) -> float:
     """First driven mode in the limit of a thin body, Hz: bar, disk or ring, along the thickness for tall ones."""
     if poling_along_field(shape) < _SHEARED:
         return thin_bar_frequency(constants.s44, density, shape.electrode_gap)
-    if isinstance(shape, Plate):
-        compliance = constants.s11 if shape.poling == "thickness" else constants.s33
-        return thin_bar_frequency(compliance, density, shape.length)
-    size = shape.extents if isinstance(shape, MeshFile) else np.array([shape.length, shape.length, shape.thickness])
+    size = _extents(shape)
     along = int(np.argmax(np.abs(shape.field_direction)))
     if size[along] > np.delete(size, along).max():
         return thin_bar_frequency(constants.s33, density, size[along])

@@ -52,10 +52,11 @@ def start_values(problem: Problem, pair: Pair, eps33T: float) -> dict[str, compl
     if radius is not None:
         found = disk_start(radius, problem.density, _poisson(problem), pole, zero, eps33T)
     elif isinstance(shape, Plate):
-        found = bar_start(shape.poling, shape.length, problem.density, pole, zero, eps33T)
+        length = shape.length if shape.poling == "length" else max(shape.length, shape.width)
+        found = bar_start(shape.poling, length, problem.density, pole, zero, eps33T)
     else:
-        length = 1 / (2 * problem.expected_pole_Hz * np.sqrt(problem.density * constants.s11.real))
-        found = bar_start(shape.poling, float(length), problem.density, pole, zero, eps33T)
+        length = float(1 / (2 * problem.expected_pole_Hz * np.sqrt(problem.density * constants.s11.real)))
+        found = bar_start(shape.poling, length, problem.density, pole, zero, eps33T)
     return {name: value * (1 - 1j * _TANGENT) for name, value in found.items()}
 
 

@@ -12,11 +12,13 @@ from femu_piezo.errors import InputError
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.mode_family import family
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry import catalogue
 from femu_piezo.geometry.gmsh_session import gmsh_session
 from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.geometry.quality import check_electrodes, check_elements
 from femu_piezo.geometry.shape import is_poled_across_field, is_poled_along_field, poling_along_field
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.geometry.slab import Electrodes
 from femu_piezo.material.library import library_material
 from femu_piezo.study.shapes import first_mode_Hz
 
@@ -86,6 +88,24 @@ def test_a_body_is_the_same_along_any_axis(tmp_path: Path, axis: int, length: fl
     compliance, longest = (constants.s11, 6e-3) if length < 6 else (constants.s33, 1e-3 * length)
     expected = 1 / (2 * longest * np.sqrt(7500.0 * compliance.real))
     assert first_mode_Hz(shape, constants, 7500.0) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("plate", "constant", "length"),
+    [
+        (Plate(12e-3, 5e-3, 1e-3), "s11", 12e-3),
+        (Plate(5e-3, 12e-3, 1e-3), "s11", 12e-3),
+        (catalogue.plate(5e-3, 12e-3, 1e-3, electrodes=Electrodes(margin=0.2e-3)), "s11", 12e-3),
+        (Plate(3e-3, 3e-3, 12e-3), "s33", 12e-3),
+        (Plate(15e-3, 3e-3, 3e-3, "length"), "s33", 15e-3),
+        (Plate(1e-3, 3e-3, 12e-3, "length"), "s11", 12e-3),
+    ],
+)
+def test_the_first_mode_of_a_plate_is_along_its_longest_size(plate, constant, length) -> None:
+    """Whichever of its sizes is called length: a bar poled along it, or across it."""
+    constants = VM175.constants
+    expected = 1 / (2 * length * np.sqrt(7500.0 * getattr(constants, constant).real))
+    assert first_mode_Hz(plate, constants, 7500.0) == pytest.approx(expected, rel=1e-9)
 
 
 def test_electrodes_around_each_other_are_refused(tmp_path: Path) -> None:
