@@ -33,7 +33,7 @@ class Improvement:
     Attributes
     ----------
     tolerance : its key in the specimen file ("std_length", "residue.resistance", "readings.std_d33"), or "noise"
-    specimen : name of the specimen that has it, where there are several; "" where all share it
+    specimen : name of the specimen or fixture that has it, where there are several; "" where all share it
     today : standard deviation in `unit` of SI
     before, halved, exact : "s11", "tan_s11", … → standard deviation (SI) with the tolerance as today, halved, and zero;
         `exact` is empty for noise, without which there is no sweep
