@@ -3,7 +3,7 @@
     row = (predicted(x) − value)/std,    a row of the residual for each reading, with exact slopes in the unknowns
 
     mass            ρV of the body with its stretches and its density, films and a point mass on it included
-    capacitance     ε33T A/t of a body with a uniform field, at 1 kHz with laws over frequency, gaps and electrodes
+    capacitance     Im Y/ω at 1 kHz of the body by its finite element model, with all effects on it, gaps included
     d33             Re d33, far below any relaxation
     sound_velocity  √(c33D/ρ) of a wave along the poling, far wider than its wavelength, c33D = c33E + e33²/ε33S
 
@@ -14,20 +14,22 @@ Where sweeps have several temperatures, readings are taken at that of the consta
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.coefficients import Active, active_effects, d_form_constants, e_form_constants
 from femu_piezo.inference.ensemble import Share
 from femu_piezo.inference.fit import Fit
+from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import D_FORM, E_FORM
 from femu_piezo.units import signed
 
 #: Where a capacitance is read, rad/s; circuits nearer to the body than this place belong to the specimen.
 _KILOHERTZ, _FIXTURE = 2 * np.pi * np.array([1e3]), 1.0
-_EPS33T, _D33 = D_FORM.index("eps33T"), D_FORM.index("d33")
+_D33 = D_FORM.index("d33")
 _C33, _E33, _EPS33S = (E_FORM.index(name) for name in ("c33", "e33", "eps33S"))
 #: Units of the readings, as they are printed.
 UNITS = {"mass": "kg", "capacitance": "F", "d33": "C/N", "sound_velocity": "m/s"}
@@ -41,7 +43,8 @@ class Reading:
     ----------
     name : its key in `[readings]`;  value, std : SI
     specimen : its name as in `Effect.owner`; "" where there is only one
-    density, volume, area, gap : of the body as the file says, SI;  normal : axis of the electrodes' normal
+    density, volume, area : of the body and of its hot electrode as the file says, SI
+    body : response of the specimen at any frequencies; None where the reading is no capacitance
     """
 
     name: str
@@ -51,8 +54,7 @@ class Reading:
     density: float
     volume: float
     area: float
-    gap: float
-    normal: int
+    body: Evaluation | None = None
 
     def row(self, parameters: Unknowns, x: np.ndarray) -> tuple[float, np.ndarray]:
         """(predicted − value)/std at the unknowns x (n_x,), and its slopes (n_x,)."""
@@ -72,7 +74,7 @@ class Reading:
         }[self.name](parameters, x, active)
 
     def _mass(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
-        factor, slopes = _scaled(active, x.size, np.ones(3), 1)
+        factor, slopes = _scaled(active, x.size, 1)
         found, slopes = self.density * self.volume * factor, self.density * self.volume * factor * slopes
         for item in active:
             added, own = self._added_mass(item)
@@ -96,18 +98,11 @@ class Reading:
         return 0.0, own
 
     def _capacitance(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
-        powers = np.where(np.arange(3) == self.normal, -1.0, 1.0)
-        factor, slopes = _scaled(active, x.size, powers, 0)
-        theta, tangents = d_form_constants(parameters, x, active, _KILOHERTZ)
-        c = theta[0, _EPS33T] * self.area / self.gap * factor
-        moved = tangents[0, _EPS33T] * self.area / self.gap * factor + c * slopes
-        z, dz = 1 / (1j * _KILOHERTZ * c), (-moved / (1j * _KILOHERTZ * c**2))[None]
-        for item in active:
-            if item.effect.circuit is not None and item.effect.outward < _FIXTURE:
-                z, ratio, own = item.effect.through(_KILOHERTZ, z, item.values)
-                dz = dz * ratio[:, None]
-                item.put(dz, own)
-        return float((1 / z[0]).imag / _KILOHERTZ[0]), (-dz[0] / z[0] ** 2).imag / _KILOHERTZ[0]
+        if self.body is None:
+            raise ValueError(f"the capacitance of {self.specimen or 'the specimen'} needs the response of its body")
+        own = [item for item in active if item.effect.acquisition is None and not _is_of_fixture(item.effect)]
+        z, slopes = replace(self.body, omega=_KILOHERTZ).with_effects(parameters, x, own)
+        return float((1 / z[0]).imag / _KILOHERTZ[0]), (-slopes[0] / z[0] ** 2).imag / _KILOHERTZ[0]
 
     def _d33(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
         theta, tangents = d_form_constants(parameters, x, _plain(active), _KILOHERTZ)
@@ -118,7 +113,7 @@ class Reading:
         c, e, eps = values[[_C33, _E33, _EPS33S]]
         stiff = c + e**2 / eps
         moved = tangents[_C33] + 2 * e / eps * tangents[_E33] - (e / eps) ** 2 * tangents[_EPS33S]
-        factor, slopes = _scaled(active, x.size, np.zeros(3), 1)
+        factor, slopes = _scaled(active, x.size, 0)
         speed = np.sqrt(stiff.real / (self.density * factor))
         return float(speed), speed / 2 * (moved.real / stiff.real - slopes)
 
@@ -128,22 +123,24 @@ def _plain(active: list[Active]) -> list[Active]:
     return [item for item in active if not item.effect.dispersive]
 
 
-def _scaled(active: list[Active], unknowns: int, powers: np.ndarray, density: int) -> tuple[float, np.ndarray]:
-    """Product of the factors on the dimensions to powers (3,) and on the density to `density`, 0 or 1; its log slopes.
+def _is_of_fixture(effect: Effect) -> bool:
+    """Whether an effect is a circuit between the specimen and the instrument."""
+    return effect.circuit is not None and effect.outward >= _FIXTURE
 
-    A reshaped body has its electrodes normal to z, so that x and y have the same power.
-    """
+
+def _scaled(active: list[Active], unknowns: int, power: int) -> tuple[float, np.ndarray]:
+    """Product of the factors on the volume to `power`, 0 or 1, and of those on the density; its log slopes (n_x,)."""
     found, slopes = 1.0, np.zeros(unknowns)
     for item in active:
-        if item.effect.stretch is not None:
+        if power and item.effect.stretch is not None:
             factors, rates = item.effect.stretch(item.values)
-            found *= float(np.prod(factors**powers))
-            item.put(slopes, (powers / factors) @ rates)
-        if powers[0] and item.effect.reshaping is not None:  # the outline, and the electrodes with it
+            found *= float(np.prod(factors))
+            item.put(slopes, (1 / factors) @ rates)
+        if power and item.effect.reshaping is not None:  # the outline, and the electrodes with it
             factor, slope = item.effect.reshaping.volume(item.values[0])
             found *= factor
             item.put(slopes, np.array([slope / factor]))
-        if density and item.effect.density is not None:
+        if item.effect.density is not None:
             factor, rates = item.effect.density(item.values)
             found *= factor
             item.put(slopes, rates / factor)

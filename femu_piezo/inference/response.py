@@ -62,6 +62,10 @@ class Evaluation:
         """Z (k,) and ∂Z/∂x (k, n_x), ohm."""
         return self._evaluated(parameters, x, active_effects(parameters, x), self.omega.size)
 
+    def with_effects(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[np.ndarray, np.ndarray]:
+        """Z (k,) and ∂Z/∂x (k, n_x), ohm, with some of the effects at x (n_x,) alone."""
+        return self._evaluated(parameters, x, active, self.omega.size)
+
     def _evaluated(
         self, parameters: Unknowns, x: np.ndarray, active: list[Active], wanted: int
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -393,5 +397,7 @@ def _interpolated(along: np.ndarray, weights: np.ndarray, tangents: np.ndarray) 
 def _nodes(omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies of the nodes, and the weights (k, nodes) that interpolate from them in log ω."""
     along = np.log(omega)
+    if along.size == 1:
+        return omega, np.ones((1, 1))
     at, weights = chebyshev_nodes(along.min(), along.max(), _NODES, along)
     return np.exp(at), weights

@@ -144,7 +144,7 @@ def expect(subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise
         (`femu_piezo.study.unknowns.effects_served`)
     noise : relative standard deviation of every point
     """
-    unknowns = unknowns_of(subjects)
+    unknowns = unknowns_of(subjects, [one.model for one in evaluations])
     x = as_filed(subjects, unknowns)
     sweeps, readings = whitened_jacobian(unknowns, x, subjects, evaluations, noise)
     std = expected_std(np.concatenate([sweeps, readings]), unknowns.prior_std)

@@ -96,7 +96,7 @@ def noise_study(
     subjects, evaluations : as for `femu_piezo.study.expectation.expect`
     noise : relative, of the plan
     """
-    unknowns = unknowns_of(subjects)
+    unknowns = unknowns_of(subjects, [one.model for one in evaluations])
     start, count = as_filed(subjects, unknowns), unknowns.of_material
     scale = unknowns.material.units
     rng, found = np.random.default_rng(seed), []

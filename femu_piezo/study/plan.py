@@ -58,7 +58,7 @@ def plan_sweep(subject: Subject, evaluation: Evaluation, noise: float, points: i
     """
     if points < FEWEST:
         raise InputError(f"a plan of {points} points does not show a resonance; give at least {FEWEST}")
-    unknowns = unknowns_of([subject])
+    unknowns = unknowns_of([subject], [evaluation.model])
     x = as_filed([subject], unknowns)
     labels = labels_of(unknowns.material)
     wanted = np.array([column for column, _ in labels.values()])

@@ -122,7 +122,7 @@ class Posterior:
         constants, x = start, None
         for _ in range(_REDUCTIONS):
             self._prepare(constants)
-            unknowns = unknowns_of(self.several, constants)
+            unknowns = unknowns_of(self.several, self.models, constants)
             begin = as_filed(self.several, unknowns)
             if x is not None:
                 begin[unknowns.of_material :] = x[unknowns.of_material :]

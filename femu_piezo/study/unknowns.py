@@ -7,17 +7,24 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from femu_piezo.effects.effect import Effect
-from femu_piezo.errors import InputError
+from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.inference.readings import Reading
+from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.study.starts import has_uniform_field
 from femu_piezo.study.subjects import Subject, shared_library
 
 
-def unknowns_of(several: Sequence[Subject], constants: PiezoConstants | None = None) -> Unknowns:
+def unknowns_of(
+    several: Sequence[Subject],
+    models: Sequence[ExtendedModel] | None = None,
+    constants: PiezoConstants | None = None,
+) -> Unknowns:
     """Unknowns of a fit: constants, tolerances and readings, the priors centred on the first specimen's file.
 
+    Parameters
+    ----------
+    models : the model of each sweep, from which the capacitance of its specimen is predicted where it was read
     constants : real parts of the free constants that are 1 in x; those of the file where None
     """
     problem = several[0].problem
@@ -28,7 +35,7 @@ def unknowns_of(several: Sequence[Subject], constants: PiezoConstants | None = N
         prior=material_prior(of_file, material.priors, material.tangent_priors),
         effects=tolerances_of(several),
         fixed=tuple({effect.key: (effect, values) for one in several for effect, values in one.fixed}.values()),
-        readings=tuple(reading for one in _pieces(several) for reading in _readings(one)),
+        readings=tuple(reading for one, model in _pieces(several, models) for reading in _readings(one, model)),
     )
 
 
@@ -55,33 +62,30 @@ def effects_served(one: Subject, effects: Iterable[Effect]) -> list[Effect]:
     return own + [effect for effect, _ in one.fixed]
 
 
-def _pieces(several: Sequence[Subject]) -> list[Subject]:
-    """The first sweep of every specimen."""
-    return list({one.name: one for one in reversed(several)}.values())[::-1]
+def _pieces(
+    several: Sequence[Subject], models: Sequence[ExtendedModel] | None
+) -> Iterable[tuple[Subject, ExtendedModel | None]]:
+    """The first sweep of every specimen with its model."""
+    found: dict[str, tuple[Subject, ExtendedModel | None]] = {}
+    for one, model in zip(several, models or [None] * len(several), strict=True):
+        found.setdefault(one.name, (one, model))
+    return found.values()
 
 
-def _readings(one: Subject) -> list[Reading]:
-    """The `[readings]` of its file as data of a fit; InputError where the body has no such reading."""
-    problem, found = one.problem, []
-    table, plate = problem.specimen.readings, problem.plate
-    for name, (value, std) in (table.given if table is not None else {}).items():
-        if name == "capacitance" and not has_uniform_field(plate):
-            raise InputError(
-                f"{problem.specimen.path or problem.specimen.name}: readings.capacitance needs a body with a uniform "
-                "field, poled along it and with electrodes on the whole of two faces; leave it out"
-            )
-        along = 0 if plate.poling == "length" else 2
-        found.append(
-            Reading(
-                name,
-                value,
-                std * abs(value),
-                one.name,
-                problem.density,
-                plate.volume,
-                plate.electrode_area,
-                plate.electrode_gap,
-                along,
-            )
+def _readings(one: Subject, model: ExtendedModel | None) -> list[Reading]:
+    """The `[readings]` of its file as data of a fit."""
+    problem, table = one.problem, one.problem.specimen.readings
+    body = None if model is None else Evaluation(model, np.empty(0))
+    return [
+        Reading(
+            name,
+            value,
+            std * abs(value),
+            one.name,
+            problem.density,
+            problem.plate.volume,
+            problem.plate.electrode_area,
+            body if name == "capacitance" else None,
         )
-    return found
+        for name, (value, std) in (table.given if table is not None else {}).items()
+    ]

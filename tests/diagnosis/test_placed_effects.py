@@ -15,6 +15,7 @@ from femu_piezo.effects.local.operators import PIEZOELECTRIC
 from femu_piezo.effects.local.sectors import driven_states
 from femu_piezo.geometry.shapes import EIGHTH, Plate
 from femu_piezo.inference.fit import fit
+from femu_piezo.inference.readings import Reading
 from tests.variants import variants
 
 
@@ -192,6 +193,22 @@ def test_change_of_impedance_against_independent_solution(setup, bare, case):
     size, error = change_and_error(setup, bare, built, key, values)
     assert size > 0.005
     assert error < share * size, f"{error / size:.4f}"
+
+
+@pytest.mark.parametrize(
+    "case",
+    variants(["poling_gradient", "electrode_margin", "edge_depoling"], slow=["electrode_margin", "edge_depoling"]),
+)
+def test_a_capacitance_reading_follows_causes_that_change_the_static_field(setup, case):
+    """The relative change of the capacitance at 1 kHz against that of the independent solution, 0.2 % at least."""
+    (values, change, share), area, at = CASES[case], SIZE[0] * SIZE[1], np.array([1e3])
+    reading = Reading("capacitance", 1e-9, 1e-9, "", DENSITY, float(np.prod(SIZE)), area, setup.evaluation)
+    built = build(setup)
+    change(built)
+    bare, exact = ((1 / one.impedance(at)[0]).imag for one in (build(setup), built))
+    before, after = (1 + reading.row(*setup.with_effects(one))[0] for one in ({}, {case: values}))
+    assert abs(exact / bare - 1) > 2e-3
+    assert after / before - 1 == pytest.approx(exact / bare - 1, rel=share, abs=0)
 
 
 def whole(setup):

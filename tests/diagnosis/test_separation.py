@@ -185,7 +185,7 @@ def test_a_balance_reads_whatever_changes_the_mass(setup):
     known = {effect.key: effect for effect in library(context)}
     weighed = dict(readings(list(known.values()), {"": context}))["weigh the specimen, to 0.1 %"]
     mass = DENSITY * float(np.prod(SIZE))
-    balance = Reading("mass", mass, 1e-3 * mass, "", DENSITY, float(np.prod(SIZE)), SIZE[0] * SIZE[1], SIZE[2], 2)
+    balance = Reading("mass", mass, 1e-3 * mass, "", DENSITY, float(np.prod(SIZE)), SIZE[0] * SIZE[1])
     for key, effect in known.items():
         rest = setup.with_effects({key: effect.rest})
         own = rest[0].columns(0)
