@@ -31,10 +31,13 @@ def change_and_error(setup, bare: np.ndarray, built: Build, key: str, values) ->
     return size, error
 
 
-def mass(built: Build) -> None:
-    side, own = 0.8e-3, 2.5e-6
-    place = ((4.1e-3 - side / 2, 4.1e-3 + side / 2), (1.9e-3 - side / 2, 1.9e-3 + side / 2))
+def mass(built: Build, y: float = 1.9e-3, side: float = 0.8e-3) -> None:
+    own, place = 2.5e-6, ((4.1e-3 - side / 2, 4.1e-3 + side / 2), (y - side / 2, y + side / 2))
     built.surfaces.append(Surface(*place, (1,), lambda w: -(w**2) * own / side**2))
+
+
+def mass_across_the_middle_line(built: Build) -> None:
+    mass(built, 0.1e-3, 1.6e-3)
 
 
 def crack(built: Build, added: float = 0.15e-3, position: float = 2.0625e-3, width: float = 0.375e-3) -> None:
@@ -103,6 +106,11 @@ def uneven(built: Build) -> None:
 #: that of a half-space. The crack is a slice as wide as an element, the narrow one a part of an element off its middle.
 CASES = {
     "point_mass": ((2.5e-6, 4.1e-3, 1.9e-3, 0.8e-3 / np.sqrt(np.pi)), mass, 0.05),
+    "point_mass, across the middle line": (
+        (2.5e-6, 4.1e-3, 0.1e-3, 1.6e-3 / np.sqrt(np.pi)),
+        mass_across_the_middle_line,
+        0.01,
+    ),
     "local_crack": ((0.15e-3, 2.0625e-3, 0.375e-3), crack, 0.02),
     "local_crack, narrow": ((0.06e-3, 3.4e-3, 0.08e-3), narrow_crack, 0.03),
     "poling_gradient": ((0.25, 0.04), gradient, 0.01),

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
 import scipy.linalg as sl
 from hidden_effects import reduced
 from hidden_effects.round_body import RoundBody
 
-from femu_piezo.effects.local.faces import RoundFace
+from femu_piezo.effects.local.faces import BoxFace, Face, RoundFace
 from femu_piezo.forward.gradient_products import extended_tensor
 from femu_piezo.forward.revolution import Section
 from femu_piezo.material.library import library_material
@@ -74,9 +76,48 @@ def test_slopes_of_a_face_are_those_of_its_displacements():
     """∂N/∂x and ∂N/∂y against differences, also off the plane θ = 0 and at x < 0."""
     rng = np.random.default_rng(3)
     face = RoundFace((0.0, 6e-3), rng.standard_normal((7, 3, 5)), np.array([0, 1, 2, 3, 5]), np.arange(5), 8)
-    for x, y in ((3e-3, 0.0), (2e-3, 1.5e-3), (-1e-3, 2e-3)):
+    assert_slopes_are_those_of_differences(face, ((3e-3, 0.0), (2e-3, 1.5e-3), (-1e-3, 2e-3), (5e-3, 4e-3)))
+
+
+def assert_slopes_are_those_of_differences(face: Face, points: Iterable[tuple[float, float]]) -> None:
+    for x, y in points:
         _, slopes = face.at(x, y)
         h = 1e-8
         for axis, step in enumerate(((h, 0.0), (0.0, h))):
             ahead, behind = (face.at(x + s * step[0], y + s * step[1])[0] for s in (1, -1))
             np.testing.assert_allclose(slopes[axis], (ahead - behind) / (2 * h), rtol=1e-5, atol=1e-2)
+
+
+def box_face() -> BoxFace:
+    """A face of 12 x 6 mm with one unknown of each parity about x and y."""
+    rng, flipped = np.random.default_rng(4), np.array([[0, 1, 0, 1], [0, 0, 1, 1], [0, 0, 0, 0]], dtype=bool)
+    return BoxFace((6e-3, 3e-3), rng.standard_normal((7, 6, 3, 4)), flipped, np.arange(4), 8)
+
+
+def test_a_face_continues_by_parity_beyond_its_mirror_lines():
+    """About x = 0 the driven u_x is odd, the driven u_y and u_z are even, and all the other way where flipped."""
+    face = box_face()
+    value, beyond = (face.at(x, 1e-3)[0] for x in (2e-3, -2e-3))
+    sign = np.array([[-1, 1, -1, 1], [1, -1, 1, -1], [1, -1, 1, -1]])
+    np.testing.assert_allclose(beyond, sign * value)
+    assert_slopes_are_those_of_differences(face, ((2e-3, 1e-3), (-2e-3, 1e-3), (2e-3, -1e-3), (-7e-3, -4e-3)))
+
+
+@pytest.mark.parametrize(
+    ("face", "edges"),
+    [
+        (box_face(), [((6e-3, 1e-3), (1, 0)), ((2e-3, 3e-3), (0, 1)), ((2e-3, -3e-3), (0, -1))]),
+        (
+            RoundFace((2e-3, 6e-3), np.random.default_rng(5).standard_normal((9, 3, 2)), np.arange(2), np.arange(2), 8),
+            [((6e-3, 0.0), (1, 0)), ((2e-3, 0.0), (-1, 0)), ((0.0, 6e-3), (0, 1))],
+        ),
+    ],
+    ids=["plate", "ring"],
+)
+def test_a_face_continues_straight_beyond_its_edges(face, edges):
+    """As polynomials of high order it would grow by orders of magnitude under a patch that reaches over an edge."""
+    for place, outward in edges:
+        at, ahead, behind = (face.at(*(place + step * np.array(outward)))[0] for step in (0.2e-3, 0.4e-3, 0.0))
+        np.testing.assert_allclose(ahead - at, at - behind, rtol=1e-9, atol=1e-9)
+        slope = np.tensordot(np.array(outward), face.at(*place)[1], axes=1)
+        np.testing.assert_allclose(at - behind, 0.2e-3 * slope, rtol=1e-9, atol=1e-9)

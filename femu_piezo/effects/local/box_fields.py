@@ -68,9 +68,9 @@ class BoxFields(MeshFields):
     def face(self, names: tuple[str, ...]) -> BoxFace:
         """Displacements on the face z = +t/2 of the part."""
         parts = [self._once.get(("face", name), lambda name=name: on_face(self.model, self.of(name))) for name in names]
-        group, _ = self._groups(names, [part.shape[3] for part in parts])
-        ends = self.model.domain.mesh.p.max(axis=1)
-        return BoxFace((float(ends[0]), float(ends[1])), np.concatenate(parts, axis=3), group, self.model.domain.copies)
+        group, flipped = self._groups(names, [part.shape[3] for part in parts])
+        half = tuple(self.model.domain.mesh.p.max(axis=1)[:2].tolist())
+        return BoxFace(half, np.concatenate(parts, axis=3), flipped, group, self.model.domain.copies)
 
     def _modes(self, flipped: Flipped, respond: Response | None) -> np.ndarray:
         others = self._once.get("others", lambda: _OtherClasses(self, MODES_BEYOND * self._top))

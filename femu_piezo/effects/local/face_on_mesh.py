@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from skfem.refdom import RefHex
 
-from femu_piezo.effects.local.faces import Face
+from femu_piezo.effects.local.faces import Face, mirrored
 from femu_piezo.forward.hex_element import shapes_at
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.upper_face import facets_at
@@ -152,16 +152,9 @@ class MeshFace(Face):
 
     def at_all(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """N (m, 3, u) and its slopes ∂N/∂x, ∂N/∂y (m, 2, 3, u) at points (m, 2), m."""
-        folded, sign = points.copy(), np.ones((len(points), 2))  # folded : the points moved onto the part
-        for axis in self.level.mirrors:
-            sign[:, axis], folded[:, axis] = np.where(points[:, axis] < 0, -1.0, 1.0), np.abs(points[:, axis])
+        folded, parity, sign = mirrored(points, self.level.mirrors, self.flipped)
         flat = self.coefficients.reshape(self.coefficients.shape[0], -1)
         value, *slopes = ((part @ flat).reshape(len(points), 3, -1) for part in self.level.probe(folded))
-        parity = np.ones_like(value)
-        for axis in self.level.mirrors:
-            # in the driven class the displacement along the axis is odd, the others are even
-            odd = (np.arange(3) == axis)[:, None] != self.flipped[axis]
-            parity[(sign[:, axis] < 0)[:, None, None] & odd] *= -1
         along = np.stack([slope * parity * way[:, None, None] for slope, way in zip(slopes, sign.T, strict=True)], 1)
         return value * parity, along
 

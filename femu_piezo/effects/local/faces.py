@@ -6,6 +6,7 @@ For bodies on any other mesh see `femu_piezo.effects.local.face_on_mesh`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -51,6 +52,25 @@ class Face(ABC):
         return np.array(values), np.array(slopes)
 
 
+def mirrored(points: np.ndarray, axes: Iterable[int], flipped: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (m, 2) of a face moved onto the part that mirror lines cut, where displacements times their parity are
+    those at the points.
+
+    Also that parity (m, 3, u), and the signs (m, 2) of x and y at the points.
+
+    axes : 0 and 1 that are normal to a mirror line
+    flipped : (3, u) whether the parity of each unknown about the plane normal to an axis is not the driven one
+    """
+    folded, sign = points.copy(), np.ones(points.shape)
+    parity = np.ones((len(points), 3, flipped.shape[1]))
+    for axis in axes:
+        sign[:, axis], folded[:, axis] = np.where(points[:, axis] < 0, -1.0, 1.0), np.abs(points[:, axis])
+        # in the driven class the displacement along the axis is odd, the others are even
+        odd = (np.arange(3) == axis)[:, None] != flipped[axis]
+        parity[(sign[:, axis] < 0)[:, None, None] & odd] *= -1
+    return folded, parity, sign
+
+
 class RuledFace(Face):
     """A face with lines across it, or circles on it, each of which one number names."""
 
@@ -84,22 +104,27 @@ class RuledFace(Face):
 class BoxFace(RuledFace):
     """Displacements on the face z = +t/2 of the positive octant as polynomials in ξ = 4x/L − 1, η = 4y/W − 1.
 
+    On the rest of the face they are those at the mirror images, with the parity of each unknown.
+
     Attributes
     ----------
     half : (L/2, W/2), m
     coefficients : (nx, ny, 3, u) Legendre coefficients of every displacement unknown
+    flipped : (3, u) whether the parity of each unknown about the plane normal to an axis is not the driven one
     """
 
     half: tuple[float, float]
     coefficients: np.ndarray = field(repr=False)
+    flipped: np.ndarray = field(repr=False)
     group: np.ndarray = field(repr=False)
     copies: int
 
     def at(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
-        """N (3, u) and its slopes ∂N/∂x, ∂N/∂y (2, 3, u) at a point 0 ≤ x ≤ L/2, 0 ≤ y ≤ W/2."""
+        """N (3, u) and its slopes ∂N/∂x, ∂N/∂y (2, 3, u) at a point, m; beyond an edge N continues straight."""
+        (folded,), (parity,), (sign,) = mirrored(np.array([[x, y]]), (0, 1), self.flipped)
         lines = [
             _line(value, half, self.coefficients.shape[i])
-            for i, (value, half) in enumerate(zip((x, y), self.half, strict=True))
+            for i, (value, half) in enumerate(zip(folded.tolist(), self.half, strict=True))
         ]
         (px, sx), (py, sy) = lines
         along = np.tensordot(px, self.coefficients, axes=1)
@@ -108,7 +133,7 @@ class BoxFace(RuledFace):
             np.tensordot(py, np.tensordot(sx, self.coefficients, axes=1), axes=1),
             np.tensordot(sy, along, axes=1),
         ]
-        return n, np.array(slopes)
+        return n * parity, np.array(slopes) * parity * sign[:, None, None]
 
     def line(self, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points of the half y > 0 of the line x = place."""
@@ -118,10 +143,14 @@ class BoxFace(RuledFace):
 
 
 def _line(value: float, half: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(count,) Legendre polynomials at 2·value/half − 1, and their slopes by value."""
-    at = 2 * value / half - 1
-    slopes = legendre.legval(at, legendre.legder(np.eye(count)))
-    return legendre.legvander(np.array([at]), count - 1)[0], slopes * 2 / half
+    """(count,) Legendre polynomials at 2·value/half − 1, and their slopes by value.
+
+    Below 0 and above `half`, where they would grow fast, they continue straight.
+    """
+    inside = min(max(value, 0.0), half)
+    at = 2 * inside / half - 1
+    slopes = legendre.legval(at, legendre.legder(np.eye(count))) * 2 / half
+    return legendre.legvander(np.array([at]), count - 1)[0] + (value - inside) * slopes, slopes
 
 
 def on_face(model: ElectroelasticModel, fields: np.ndarray) -> np.ndarray:
@@ -139,6 +168,8 @@ def on_face(model: ElectroelasticModel, fields: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True)
 class RoundFace(RuledFace):
     """Displacements on the face of a disk or ring: u_r, u_z ∝ cos nθ and u_θ ∝ sin nθ, polynomials of r.
+
+    Beyond a rim they continue straight.
 
     Attributes
     ----------
