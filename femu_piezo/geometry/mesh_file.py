@@ -113,13 +113,17 @@ class MeshFile:
 
     @made_once
     def _between_electrodes(self) -> np.ndarray:
-        """(3,) from the centre of the ground electrode to that of the hot one, its part along the field, m."""
+        """(3,) from the centre of the ground electrode to that of the hot one, its part along the field, m.
+
+        Of the whole body: by symmetry nothing points out of a mirror plane.
+        """
         bases = [skfem.FacetBasis(self.mesh, self.mesh.elem(), facets=name) for name in ("hot", "ground")]
         hot, ground = (
             np.sum(np.asarray(basis.global_coordinates()) * basis.dx, axis=(1, 2)) / np.sum(basis.dx) for basis in bases
         )
         normal = np.sum(np.asarray(bases[0].normals) * bases[0].dx, axis=(1, 2)) / np.sum(bases[0].dx)
         apart = hot - ground
+        apart[[*self.mirrors]] = normal[[*self.mirrors]] = 0.0
         if np.linalg.norm(apart) < _FLAT * np.ptp(self.mesh.p, axis=1).max():
             raise InputError(
                 f'{self.file}: the surfaces "hot" and "ground" have the same centre, as inside and outside a tube; '

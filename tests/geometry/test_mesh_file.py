@@ -1,5 +1,6 @@
 """A user's own mesh: reading, checks, results; every fault gives one sentence."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import meshio
@@ -147,17 +148,40 @@ def test_named_mirror_planes_make_the_whole(tmp_path: Path) -> None:
     assert modes.participation[nearest] > 0.5
 
 
-def cube_of(kind: type, cells: int, path: Path) -> MeshFile:
-    """A .msh of a cube of 1 mm with so many hexahedra, or six times as many tetrahedra, along each edge."""
-    mesh = kind.init_tensor(*3 * [np.linspace(0.0, 1e-3, cells + 1)])
-    faces = [mesh.facets[:, mesh.facets_satisfying(lambda x, z=z: np.isclose(x[2], z))].T for z in (0.0, 1e-3)]
-    body, flat = skfem.io.meshio.to_meshio(mesh).cells[0], "quad" if kind is skfem.MeshHex else "triangle"
+def mesh_file(mesh: skfem.Mesh, path: Path, **surfaces: Callable[[np.ndarray], np.ndarray]) -> MeshFile:
+    """A .msh of linear elements; surfaces : name → which middles of facets (3, n) belong to it."""
+    faces = [mesh.facets[:, mesh.facets_satisfying(test, boundaries_only=True)].T for test in surfaces.values()]
+    body, flat = skfem.io.meshio.to_meshio(mesh).cells[0], "quad" if isinstance(mesh, skfem.MeshHex) else "triangle"
     tags = [np.full(len(some), tag) for tag, some in enumerate((body.data, *faces))]
-    names = {"hot": np.array([1, 2]), "ground": np.array([2, 2])}
+    names = {name: np.array([tag, 2]) for tag, name in enumerate(surfaces, 1)}
     blocks = [(body.type, body.data), *((flat, face) for face in faces)]
     data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
     meshio.write(path, meshio.Mesh(mesh.p.T, blocks, cell_data=data, field_data=names), file_format="gmsh22")
     return MeshFile(path)
+
+
+def cube_of(kind: type, cells: int, path: Path) -> MeshFile:
+    """A .msh of a cube of 1 mm with so many hexahedra, or six times as many tetrahedra, along each edge."""
+    mesh = kind.init_tensor(*3 * [np.linspace(0.0, 1e-3, cells + 1)])
+    return mesh_file(mesh, path, hot=lambda x: np.isclose(x[2], 0.0), ground=lambda x: np.isclose(x[2], 1e-3))
+
+
+def test_the_field_of_a_half_is_that_of_the_whole(tmp_path: Path) -> None:
+    """Electrodes of different width on one face: their centres on a half do not lie on its mirror plane."""
+
+    def body(path: Path, start: float, **mirror: Callable[[np.ndarray], np.ndarray]) -> MeshFile:
+        lines = np.linspace(-5e-3, 5e-3, 11), np.arange(start, 3.5e-3, 1e-3), np.array([0.0, 1e-3])
+        electrodes = {
+            "hot": lambda x: (x[2] > 0.99e-3) & (x[0] < -1e-3) & (np.abs(x[1]) < 1e-3),
+            "ground": lambda x: (x[2] > 0.99e-3) & (x[0] > 1e-3),
+        }
+        return mesh_file(skfem.MeshHex.init_tensor(*lines), path, **electrodes, **mirror)
+
+    whole = body(tmp_path / "whole.msh", -3e-3)
+    half = body(tmp_path / "half.msh", 0.0, mirror_y=lambda x: x[1] < 1e-9)
+    for shape in (whole, half):
+        np.testing.assert_allclose(shape.field_direction, (-1, 0, 0), atol=1e-9)
+        assert shape.electrode_gap == pytest.approx(6e-3, rel=1e-9)
 
 
 @pytest.mark.parametrize(("start", "face"), [(0.0, 1), (5.0, 1), (-10.0, 2), (-25.0, 2)])
