@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import skfem
 from hidden_effects.body import Surface
 from hidden_effects.build import Build
 from hidden_effects.round_draws import soft_volume
@@ -18,6 +19,7 @@ from femu_piezo.effects.library import library
 from femu_piezo.effects.local.face_on_mesh import LevelOfMesh
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry import catalogue
+from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.gmsh_session import gmsh_session
 from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.geometry.slab import Slab
@@ -202,11 +204,26 @@ def test_displacements_at_a_height_are_those_of_a_polynomial(height):
     """Displacements and slopes of a quadratic field, also at heights inside the elements."""
     shape = catalogue.plate(*SIZE, corner_radius=0.5e-3)
     model = ElectroelasticModel(shape.domain(2e-3, symmetric=False, order=4), DENSITY)
+    assert_displacements_are_those_of_a_polynomial(model, height, SIZE[2])
+
+
+@pytest.mark.parametrize("kind", [skfem.MeshHex, skfem.MeshTet])
+def test_displacements_at_a_height_where_some_facets_lie_there(kind):
+    """Two layers of elements that meet at mid-height at one end of a plate only."""
+    mesh = kind.init_tensor(np.linspace(-5e-3, 5e-3, 11), np.linspace(-2.5e-3, 2.5e-3, 5), np.linspace(-5e-4, 5e-4, 3))
+    points = mesh.p.copy()
+    points[2, (np.abs(points[2]) < 1e-9) & (points[0] > -3.5e-3)] += 0.2e-3
+    mesh = kind(points, mesh.t).with_boundaries({"hot": lambda x: x[2] > 4.9e-4, "ground": lambda x: x[2] < -4.9e-4})
+    model = ElectroelasticModel(Domain(mesh, ("hot",), ("ground",)), DENSITY)
+    assert_displacements_are_those_of_a_polynomial(model, 0.5, 1e-3)
+
+
+def assert_displacements_are_those_of_a_polynomial(model: ElectroelasticModel, height: float, thickness: float) -> None:
     x, y, z = model.basis.doflocs / 1e-3
     fields = np.zeros((4, model.basis.N, 1))
     fields[:3, :, 0] = x + 2 * z, y * z, z**2
     level = LevelOfMesh(model, height)
-    points, at = np.array([[1.0, 0.5], [-4.0, -1.2], [3.3, 2.0]]), (height - 0.5) * SIZE[2] / 1e-3
+    points, at = np.array([[1.0, 0.5], [-4.0, -1.2], [3.3, 2.0]]), (height - 0.5) * thickness / 1e-3
     value, along_x, along_y = (
         (one @ level.of(fields).reshape(-1, 3)).reshape(-1, 3) for one in level.probe(points * 1e-3)
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
+import skfem
 from skfem.refdom import RefHex
 
 from femu_piezo.effects.local.faces import Face, mirrored
@@ -44,12 +45,12 @@ class LevelOfMesh:
         self._basis, self._z = basis, lowest + height * self._thickness
         facets = facets_at(mesh, self._z)
         self._is_hexahedral = mesh.elem.refdom is RefHex
-        if facets.size:
+        cut = self._cut(mesh)
+        if facets.size and not cut.size:
             self._cells, places = mesh.f2t[0, facets], mesh.mapping().G(self._samples(2), find=facets)
             self._nodes = np.flatnonzero(np.abs(basis.doflocs[2] - self._z) < _NEAR * self._thickness)
         else:
-            heights = mesh.p[2][mesh.t]
-            self._cells = np.flatnonzero((heights.min(axis=0) < self._z) & (heights.max(axis=0) > self._z))
+            self._cells = np.union1d(mesh.f2t[0, facets], cut)
             places = mesh.mapping().F(self._samples(3), tind=self._cells)
             self._nodes = np.unique(basis.element_dofs[:, self._cells])
         self._low, self._high = places[:2].min(axis=2), places[:2].max(axis=2)
@@ -57,6 +58,11 @@ class LevelOfMesh:
         self._number[self._nodes] = np.arange(self._nodes.size)
         self.planes = tuple(sorted(model.domain.symmetry.values()))
         self.mirrors = tuple(axis for axis in self.planes if axis < 2)
+
+    def _cut(self, mesh: skfem.Mesh) -> np.ndarray:
+        """Numbers of the elements through which the plane at the height goes."""
+        heights, near = mesh.p[2][mesh.t], _NEAR * self._thickness
+        return np.flatnonzero((heights.min(axis=0) < self._z - near) & (heights.max(axis=0) > self._z + near))
 
     def _samples(self, dimension: int) -> np.ndarray:
         """(dimension, samples) points of a reference facet or element."""
