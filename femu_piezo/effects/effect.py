@@ -411,6 +411,7 @@ class EffectContext:
     radii : inner and outer radius of a disk or ring with covered faces, poled along its axis, m; None for others
     upper : the upper face of any other body, where a mass may stick or a support stand; None where there is none
     poling : "thickness" (k31) or "length" (k33)
+    field_axis : the axis (0, 1, 2) nearest to the field between the electrodes
     conditions : how the sweep was taken
     """
 
@@ -431,6 +432,7 @@ class EffectContext:
     pace_Hz: tuple[float, ...] = ()
     conditions: SweepConditions = field(default_factory=SweepConditions)
     upper: UpperFace | None = None
+    field_axis: int = 2
 
     @property
     def is_regular(self) -> bool:

@@ -29,7 +29,7 @@ class UpperFace:
     Attributes
     ----------
     extents : ((x_min, x_max), (y_min, y_max)) of the part of the face that its mirror lines cut out, m
-    mirrors : axes of all mirror planes of the driven field, including 2 where one lies between the electrodes
+    mirrors : axes of all mirror planes of the driven field, including 2 where one lies at mid-height
     volume : of the whole body, m³
     places : (m, 2) candidate places, spread over that part of the face, m
     """

@@ -9,6 +9,8 @@ import pytest
 import skfem
 import skfem.io.meshio
 
+from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.library import library
 from femu_piezo.errors import InputError
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.mode_family import family
@@ -21,6 +23,9 @@ from femu_piezo.geometry.shape import is_poled_across_field, is_poled_along_fiel
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Electrodes
 from femu_piezo.material.library import library_material
+from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.effects import effect_context
+from femu_piezo.study.problem import prepare
 from femu_piezo.study.shapes import first_mode_Hz
 
 VM175 = library_material("pzt-4-vm175")
@@ -182,6 +187,24 @@ def test_the_field_of_a_half_is_that_of_the_whole(tmp_path: Path) -> None:
     for shape in (whole, half):
         np.testing.assert_allclose(shape.field_direction, (-1, 0, 0), atol=1e-9)
         assert shape.electrode_gap == pytest.approx(6e-3, rel=1e-9)
+
+
+def context_of(path: Path, text: str) -> EffectContext:
+    """What effects know of the body of a [geometry] table."""
+    path.write_text(f'name = "body"\n[geometry]\n{text}\n[material]\nbase = "pzt-5h"\n', encoding="utf-8")
+    return effect_context(prepare(read_specimen(path)), 1.2e5, 1e3, (5e4, 3e5))
+
+
+def test_unequal_electrodes_need_a_mirror_plane_between_them(tmp_path: Path) -> None:
+    """On a bar with electrodes on its ends the difference has no part that is odd about mid-height."""
+    names = {"hot": (2,), "ground": (1,), "mirror_z": (5,)}
+    write_box(tmp_path / "half.msh", names, 1, (12.0, 3.0, 1.0), 3.0, (-6.0, -1.5, 0.0))
+    half = 'shape = "mesh"\nfile = "half.msh"\nunit = "1 mm"\npoling = [1, 0, 0]'
+    plate = 'shape = "trapezoid"\nlength = "12 mm"\nwidth = "3 mm"\nwidth_end = "2 mm"\nthickness = "1 mm"'
+    for text, has_one in ((half, False), (plate, True)):
+        context = context_of(tmp_path / "body.toml", text)
+        assert 2 in context.upper.mirrors
+        assert any(effect.name == "unequal_electrode_mass" for effect in library(context)) == has_one
 
 
 @pytest.mark.parametrize(("start", "face"), [(0.0, 1), (5.0, 1), (-10.0, 2), (-25.0, 2)])

@@ -44,7 +44,9 @@ def _mean_film(context: EffectContext) -> tuple[Effect, ...]:
 
 def _unequal(context: EffectContext) -> tuple[Effect, ...]:
     """For bodies with a plane of symmetry between their electrodes; the sweep cannot tell which one is heavier."""
-    if context.mass is None or context.poling != "thickness" or (context.upper and 2 not in context.upper.mirrors):
+    if context.mass is None or context.poling != "thickness":
+        return ()
+    if context.upper and (2 not in context.upper.mirrors or context.field_axis != 2):
         return ()
     mass = context.density * context.thickness / 2
     return (
