@@ -411,7 +411,7 @@ class EffectContext:
     radii : inner and outer radius of a disk or ring with covered faces, poled along its axis, m; None for others
     upper : the upper face of any other body, where a mass may stick or a support stand; None where there is none
     poling : "thickness" (k31) or "length" (k33)
-    field_axis : the axis (0, 1, 2) nearest to the field between the electrodes
+    poling_axis, field_axis : the axes (0, 1, 2) nearest to the poling and to the field between the electrodes
     conditions : how the sweep was taken
     """
 
@@ -432,12 +432,20 @@ class EffectContext:
     pace_Hz: tuple[float, ...] = ()
     conditions: SweepConditions = field(default_factory=SweepConditions)
     upper: UpperFace | None = None
+    poling_axis: int = 2
     field_axis: int = 2
 
     @property
     def is_regular(self) -> bool:
         """Whether it is a plate with three mirror planes, a disk or a ring."""
         return self.dimensions is not None or self.radii is not None
+
+    @property
+    def height(self) -> float:
+        """Extent along z, m."""
+        if self.upper is not None:
+            return self.upper.height
+        return self.thickness if self.dimensions is None else self.dimensions[2]
 
     @property
     def mass(self) -> float | None:

@@ -149,7 +149,7 @@ class MeshFile:
 
         x, y = corners
         box = [float(value) for axis in (x, y) for value in (axis.min(), axis.max())]
-        return UpperFace.within(box, self.mirrors, self.volume, covers)
+        return UpperFace.within(box, self.mirrors, self.volume, float(self.extents[2]), covers)
 
     @property
     def element_order(self) -> int:

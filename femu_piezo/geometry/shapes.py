@@ -83,8 +83,8 @@ class Plate:
         """
         if self.mirrors == EIGHTH:
             return None
-        (x, y), volume = self.dimensions[:2] / 2, self.volume
-        return UpperFace.within((-x, x, -y, y), self.mirrors, volume, lambda x, y: np.ones(x.shape, dtype=bool))
+        (x, y), body = self.dimensions[:2] / 2, (self.mirrors, self.volume, self.thickness)
+        return UpperFace.within((-x, x, -y, y), *body, lambda x, y: np.ones(x.shape, dtype=bool))
 
     @property
     def dimensions(self) -> np.ndarray:

@@ -263,7 +263,8 @@ class Slab:
         if self.revolved is not None:
             return None
         outline = self.outline.inset(self.chamfer) if self.chamfer else self.outline
-        return UpperFace.within(outline.extents, self.mirrors, self.volume, Footprint(outline, self.holes).covers)
+        covers = Footprint(outline, self.holes).covers
+        return UpperFace.within(outline.extents, self.mirrors, self.volume, self.thickness, covers)
 
     @property
     def element_order(self) -> int:

@@ -30,13 +30,14 @@ class UpperFace:
     ----------
     extents : ((x_min, x_max), (y_min, y_max)) of the part of the face that its mirror lines cut out, m
     mirrors : axes of all mirror planes of the driven field, including 2 where one lies at mid-height
-    volume : of the whole body, m³
+    volume : of the whole body, m³;  height : its extent along z, m
     places : (m, 2) candidate places, spread over that part of the face, m
     """
 
     extents: tuple[tuple[float, float], tuple[float, float]]
     mirrors: tuple[int, ...]
     volume: float
+    height: float
     places: np.ndarray = field(repr=False, compare=False)
 
     @property
@@ -51,6 +52,7 @@ class UpperFace:
         extents: Iterable[float],
         mirrors: tuple[int, ...],
         volume: float,
+        height: float,
         covers: Callable[[np.ndarray, np.ndarray], np.ndarray],
     ) -> UpperFace:
         """The upper face of a body from its outline.
@@ -74,4 +76,4 @@ class UpperFace:
             lines.append(low + (high - low) * (np.arange(count) + _FROM_EDGE) / (count - 1 + 2 * _FROM_EDGE))
         x, y = (grid.ravel() for grid in np.meshgrid(*lines, indexing="ij"))
         inside = covers(x, y)
-        return cls(parts, mirrors, volume, np.column_stack([x[inside], y[inside]]))
+        return cls(parts, mirrors, volume, height, np.column_stack([x[inside], y[inside]]))

@@ -73,6 +73,7 @@ def effect_context(
         radii=plate.revolved if isinstance(plate, Slab) else None,
         upper=plate.upper_face,
         poling=plate.poling,
+        poling_axis=int(np.argmax(np.abs(plate.poling_direction))),
         field_axis=int(np.argmax(np.abs(plate.field_direction))),
         tolerances=tolerances(problem),
         band_Hz=band_Hz,

@@ -11,6 +11,7 @@ import skfem.io.meshio
 
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.library import library
+from femu_piezo.effects.local.face_compliance import FaceCompliance
 from femu_piezo.errors import InputError
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.mode_family import family
@@ -205,6 +206,20 @@ def test_unequal_electrodes_need_a_mirror_plane_between_them(tmp_path: Path) -> 
         context = context_of(tmp_path / "body.toml", text)
         assert 2 in context.upper.mirrors
         assert any(effect.name == "unequal_electrode_mass" for effect in library(context)) == has_one
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_face_yields_as_that_of_the_same_bar(tmp_path: Path, axis: int) -> None:
+    """A bar of 12 mm poled along its length, as a plate and as a mesh that lies along x or y."""
+    size, poling = ((12.0, 3.0, 2.0), (3.0, 12.0, 2.0))[axis], np.eye(3, dtype=int)[axis].tolist()
+    write_box(tmp_path / "bar.msh", {"hot": (2 * axis + 2,), "ground": (2 * axis + 1,)}, 1, size, 3.0)
+    bar = 'shape = "plate"\nlength = "12 mm"\nwidth = "3 mm"\nthickness = "2 mm"\npoling = "length"'
+    mesh = f'shape = "mesh"\nfile = "bar.msh"\nunit = "1 mm"\npoling = {poling}'
+    drawn, meshed = (
+        FaceCompliance.of(context_of(tmp_path / "body.toml", text), 2e6, (1e-4, 2e-3)).stiffness(5e-4)[0]
+        for text in (bar, mesh)
+    )
+    np.testing.assert_allclose(meshed, drawn if axis == 0 else drawn[[1, 0, 2]], rtol=1e-6)
 
 
 @pytest.mark.parametrize(("start", "face"), [(0.0, 1), (5.0, 1), (-10.0, 2), (-25.0, 2)])

@@ -12,21 +12,22 @@ from femu_piezo.effects.local.face_compliance import FaceCompliance, yielding_be
 YOUNG, POISSON, THICKNESS, DENSITY = 60e9, 0.3, 1.5e-3, 7500.0
 
 
-def isotropic(cutoff_omega: float, radii: tuple[float, float], poling: str = "thickness") -> FaceCompliance:
+def isotropic(cutoff_omega: float, radii: tuple[float, float], poling: int = 2, covered: bool = True) -> FaceCompliance:
     shear = YOUNG / (2 * (1 + POISSON))
     lame = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
     normal = lame + 2 * shear
     constants = (normal, lame, lame, normal, shear, 0.0, 0.0, 0.0, 1e-9, 1e-9)
-    return FaceCompliance(constants, poling, DENSITY, THICKNESS, cutoff_omega, radii)
+    return FaceCompliance(constants, poling, covered, DENSITY, THICKNESS, cutoff_omega, radii)
 
 
-@pytest.mark.parametrize("poling", ["thickness", "length"])
-def test_short_waves_see_a_half_space(poling):
+@pytest.mark.parametrize("covered", [True, False])
+@pytest.mark.parametrize("poling", range(3))
+def test_short_waves_see_a_half_space(poling, covered):
     """C(k) → 2 (1 − ν²)/(E k) along the normal and (2 − ν)/(2 − 2ν) times that along the face, averaged over
     directions.
     """
     k = np.array([10.0]) / THICKNESS
-    found = yielding_beyond(isotropic(0.0, (1e-5, 1e-4), poling), k)[0] * YOUNG * k / (2 * (1 - POISSON**2))
+    found = yielding_beyond(isotropic(0.0, (1e-5, 1e-4), poling, covered), k)[0] * YOUNG * k / (2 * (1 - POISSON**2))
     ratio = (2 - POISSON) / (2 - 2 * POISSON)
     np.testing.assert_allclose(found, [ratio, ratio, 1.0], rtol=2e-4)
 

@@ -45,14 +45,16 @@ class FaceCompliance:
     Attributes
     ----------
     constants : (10,) of the e-form, of which the real parts are used
-    poling : "thickness" (both faces are short-circuited electrodes) or "length" (along x, the faces are bare)
+    poling_axis : the axis (0, 1, 2) of the poling
+    covered : whether both faces are short-circuited electrodes, else they are bare
     density : kg/m³;  thickness : m
     cutoff_omega : Ω, rad/s
     radii : the smallest and the largest patch, m
     """
 
     constants: tuple[complex, ...]
-    poling: str
+    poling_axis: int
+    covered: bool
     density: float
     thickness: float
     cutoff_omega: float
@@ -61,9 +63,9 @@ class FaceCompliance:
     @classmethod
     def of(cls, context: EffectContext, cutoff_omega: float, radii: tuple[float, float]) -> FaceCompliance:
         """Of the faces of a specimen, without the modes below Ω = `cutoff_omega`."""
-        height = context.thickness if context.dimensions is None else context.dimensions[2]
         constants = tuple(context.constants.to_e_form().vector().tolist())
-        return cls(constants, context.poling, context.density, height, cutoff_omega, radii)
+        axis, covered = context.poling_axis, context.field_axis == 2
+        return cls(constants, axis, covered, context.density, context.height, cutoff_omega, radii)
 
     @property
     def _log(self) -> CubicSpline:
@@ -90,12 +92,11 @@ def _log_compliance(of: FaceCompliance) -> CubicSpline:
 
 def yielding_beyond(of: FaceCompliance, k: np.ndarray) -> np.ndarray:
     """C(k) (m, 3) along x, y, z at wavenumbers (m,), m³/N: the mean of waves along x and along y."""
-    across = of.poling == "thickness"
-    rotation = axes_with_poling(np.array((0.0, 0.0, 1.0) if across else (1.0, 0.0, 0.0)))
+    rotation = axes_with_poling(np.eye(3)[of.poling_axis])
     tensor = extended_tensor(ElasticForm.from_vector(np.array(of.constants)), rotation).real
     along = _Waves(of, tensor, 0)
     first = np.array([along.yielding(wavenumber) for wavenumber in k])
-    if across:  # waves along y are those along x with the axes exchanged
+    if of.poling_axis == 2:  # waves along y are those along x with the axes exchanged
         return (first + first[:, [1, 0, 2]]) / 2
     other = _Waves(of, tensor, 1)
     return (first + np.array([other.yielding(wavenumber) for wavenumber in k])) / 2
@@ -116,10 +117,9 @@ class _Waves:
         values, slopes = (shapes.toarray() for shapes in line.shapes(points))
         n = self._size = line.places.size
         self._mass = sl.block_diag(*[of.density * (values.T * weights) @ values] * 3)
-        across = of.poling == "thickness"
-        inner = np.arange(n)[1:-1] if across else np.arange(n)
+        inner = np.arange(n)[1:-1] if of.covered else np.arange(n)
         self._inner, self._cut = 3 * n + inner, of.cutoff_omega
-        phase = np.where([f == axis or (f == 3 and axis == 0 and not across) for f in range(FIELDS)], 1j, 1.0)
+        phase = np.where([f == axis or (f == 3 and axis == of.poling_axis) for f in range(FIELDS)], 1j, 1.0)
         gradients = {axis: (1j, values, 1), 2: (1.0, slopes, 0)}
         powers = np.zeros((3, FIELDS, n, FIELDS, n), dtype=complex)
         for a, (left_phase, left, left_power) in gradients.items():
