@@ -4,10 +4,17 @@ already contains.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.library import mounting
 from femu_piezo.effects.local.face_compliance import FaceCompliance, yielding_beyond
+from femu_piezo.effects.local.faces import BoxFace
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.library import library_material
 
 YOUNG, POISSON, THICKNESS, DENSITY = 60e9, 0.3, 1.5e-3, 7500.0
 
@@ -50,3 +57,19 @@ def test_local_compliance_falls_with_the_modes_of_the_model():
     h = 1e-7
     difference = (high.stiffness(1e-3 + h)[0] - high.stiffness(1e-3 - h)[0]) / (2 * h)
     np.testing.assert_allclose(high.stiffness(1e-3)[1], difference, rtol=1e-5)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_support_gives_way_along_each_axis_by_its_own_compliance(axis):
+    """k in series with 1/C_i, on a body whose unknowns shift it along x, y and z, poled along one of them."""
+    constants, plate = library_material("pzt-5h").constants, Plate(12e-3, 6e-3, 1.5e-3, direction=(1, 0, 1))
+    turned = {"upper": plate.upper_face, "poling_axis": axis, "field_axis": axis}
+    context = EffectContext(1e5, (), constants, {}, DENSITY, THICKNESS, **turned)
+    shifts = BoxFace((6e-3, 3e-3), np.eye(3)[None, None], np.zeros((3, 3), dtype=bool), np.zeros(3), 1)
+    (effect,), places = mounting.candidates(context), SimpleNamespace(face=shifts, size=3, cutoff_omega=2e6)
+    contact, stiffness, radius = effect.parameters[-1], 1e8, 5e-4
+    terms = effect.local(places, np.ones(1), np.array([stiffness, 0.0, 2e-3, 1e-3, radius]))
+    yielding = 1 / FaceCompliance.of(context, 2e6, (contact.low, contact.high)).stiffness(radius)[0]
+    assert (np.ptp(yielding[:2]) > 0.1 * yielding[0]) == (axis < 2)
+    found = sum(term.value[0] * term.matrix for term in terms)
+    np.testing.assert_allclose(found, np.diag(1 / (1 / stiffness + yielding)), rtol=1e-12)

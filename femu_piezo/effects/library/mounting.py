@@ -84,8 +84,9 @@ def _patches(context: EffectContext, radii: tuple[float, float], directions: np.
             columns = [slopes.get(number, zeros) for number in range(p.size)]
             return LocalTerm("stiffness", full, value, np.stack(columns, axis=1))
 
-        for axes in ([0, 1], [2]):
-            spring, slope = springs[axes[0]], softer[axes[0]]  # C is the same along x and y
+        alike = springs[0] == springs[1]  # C is the same along x and y unless the body is poled along one of them
+        for axes in ([0, 1], [2]) if alike else ([0], [1], [2]):
+            spring, slope = springs[axes[0]], softer[axes[0]]
             value, ratio = per_patch / (1 + per_patch / spring), 1 / (1 + per_patch / spring)
             by_s = ratio**2 / count
             matrix, halves = 0.0, [0.0] * (place.size + 1)  # slopes by the place and by the radius, half of each
