@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,8 @@ import skfem
 #: Number of candidate places on a quarter of a face with two mirror lines; half a face has twice as many, a whole face
 #: four times as many.
 _ON_A_QUARTER = 45
+#: Share of that number that has to lie on the face; where less do, the places are spread more closely over its box.
+_LEAST = 1 / 3
 #: Distance of the outermost places from the edge of the box around a face, as a share of the spacing of the places.
 _FROM_EDGE = 0.3
 #: Differences of height below this share of the height of a mesh count as zero.
@@ -67,13 +69,21 @@ class UpperFace:
             (0.0 if axis in mirrors else float(low), float(high))
             for axis, (low, high) in enumerate(((x_min, x_max), (y_min, y_max)))
         )
-        wanted = _ON_A_QUARTER * 4 // 2 ** len({0, 1} & set(mirrors))
-        length, width = (high - low for low, high in parts)
-        along = max(3, round(np.sqrt(wanted * length / width)))
-        across = max(3, round(wanted / along))
-        lines = []
-        for (low, high), count in zip(parts, (along, across), strict=True):
-            lines.append(low + (high - low) * (np.arange(count) + _FROM_EDGE) / (count - 1 + 2 * _FROM_EDGE))
-        x, y = (grid.ravel() for grid in np.meshgrid(*lines, indexing="ij"))
-        inside = covers(x, y)
-        return cls(parts, mirrors, volume, height, np.column_stack([x[inside], y[inside]]))
+        wanted, places = _ON_A_QUARTER * 4 // 2 ** len({0, 1} & set(mirrors)), np.zeros((0, 2))
+        count = wanted
+        while len(places) < _LEAST * wanted:  # of a narrow ring or frame the box is nearly empty
+            grid = _grid(parts, count)
+            places, count = grid[covers(*grid.T)], 2 * count
+        return cls(parts, mirrors, volume, height, places)
+
+
+def _grid(box: Sequence[tuple[float, float]], wanted: int) -> np.ndarray:
+    """(m, 2) places spread over a box ((x_min, x_max), (y_min, y_max)), about as many as wanted."""
+    length, width = (high - low for low, high in box)
+    along = max(3, round(np.sqrt(wanted * length / width)))
+    across = max(3, round(wanted / along))
+    lines = [
+        low + (high - low) * (np.arange(count) + _FROM_EDGE) / (count - 1 + 2 * _FROM_EDGE)
+        for (low, high), count in zip(box, (along, across), strict=True)
+    ]
+    return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -23,6 +23,7 @@ from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.gmsh_session import gmsh_session
 from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.geometry.slab import Slab
+from femu_piezo.geometry.upper_face import UpperFace
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.measurement.readers import write_spectrum
@@ -281,3 +282,15 @@ def test_places_lie_on_the_face_and_mirror_lines_halve_it(body_and_solver):
     assert np.all((face.places > low) & (face.places < high))
     assert face.volume == pytest.approx(np.prod(SIZE), rel=2e-3)
     assert len(face.places) > 30 * 4 / 2 ** len({0, 1} & set(face.mirrors))
+
+
+@pytest.mark.parametrize("width", [0.3e-3, 1e-3])
+def test_places_on_a_narrow_frame(width):
+    """Between sides of 60 mm all places of a coarse grid are in the opening, which left effects without a start."""
+    frame = UpperFace.within(
+        (-0.03, 0.03, -0.03, 0.03), (0, 1), 1e-7, 1e-3, lambda x, y: np.maximum(np.abs(x), np.abs(y)) > 0.03 - width
+    )
+    assert len(frame.places) >= 15 and np.all(frame.places.max(axis=1) > 0.03 - width)
+    context = EffectContext(5e4, (), LOSSY, {}, DENSITY, 1e-3, upper=frame)
+    sizes = {effect.key: effect.sizes.tolist() for effect in library(context) if effect.sites is not None}
+    assert sizes == {"local_crack": [0], "point_mass": [0], "mounting/one patch": [0, 1]}
