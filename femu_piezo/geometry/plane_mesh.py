@@ -114,6 +114,12 @@ def least_jacobian(mesh: PlaneMesh) -> float:
     return float(np.min(found.min(axis=1) / found.mean(axis=1)))
 
 
+def is_folded(mesh: PlaneMesh) -> bool:
+    """Whether two cells run along a side in one direction: one of them lies over the other."""
+    ends, _ = _sides(mesh)
+    return np.unique(ends, axis=1).shape[1] < ends.shape[1]
+
+
 def extruded(
     mesh: PlaneMesh,
     heights: np.ndarray,
@@ -228,12 +234,17 @@ def pillowed(mesh: PlaneMesh) -> PlaneMesh:
 
 def _boundary(mesh: PlaneMesh) -> tuple[np.ndarray, np.ndarray]:
     """Sides of one cell only: their ends (2, m), the region to the left of each, and their midpoints (2, m)."""
-    loop = ((0, 1), (1, 2), (2, 3), (3, 0))
-    ends = np.concatenate([mesh.quads[list(pair)] for pair in loop], axis=1)
-    middles = np.concatenate([mesh.middles[:, i] for i in range(4)], axis=1)
+    ends, middles = _sides(mesh)
     _, number, count = np.unique(np.sort(ends, axis=0), axis=1, return_inverse=True, return_counts=True)
     once = count[number.ravel()] == 1
     return ends[:, once], middles[:, once]
+
+
+def _sides(mesh: PlaneMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Sides of all cells: their ends (2, 4 cells), the cell to the left of each, and their midpoints (2, 4 cells)."""
+    loop = ((0, 1), (1, 2), (2, 3), (3, 0))
+    ends = np.concatenate([mesh.quads[list(pair)] for pair in loop], axis=1)
+    return ends, np.concatenate([mesh.middles[:, i] for i in range(4)], axis=1)
 
 
 def _sides_to_pad(p: np.ndarray, ends: np.ndarray, middles: np.ndarray) -> np.ndarray:

@@ -36,6 +36,7 @@ from femu_piezo.geometry.plane_mesh import (
     extruded,
     graded_lines,
     grid_plane,
+    is_folded,
     least_jacobian,
     pillowed,
     polar_plane,
@@ -318,7 +319,10 @@ def _drawn_plane(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> PlaneM
         raw = _drawing(slab, min(fine.edge[:2]) * shrunk, mirrors, per_circle, subdivided)
         if {block.type for block in raw.cells} & {"triangle", "triangle6"}:
             continue
-        mesh = pillowed(_plane_mesh(raw))
+        drawn = _plane_mesh(raw)
+        if is_folded(drawn):
+            continue
+        mesh = pillowed(drawn)
         jacobian = least_jacobian(mesh)
         if jacobian > quality:
             best, quality = mesh, jacobian
