@@ -12,9 +12,9 @@ part from the singularity at a rim. With n graded cells on each side of the rim,
 in measurements over plates and disks with partial electrodes (tests/verification/test_slab_meshes.py checks some): the
 first term is the singularity in the innermost cell, the second the smooth field in its graded map. An error of 1e-5
 takes order 5 or 6 and two or three graded cells, in grids as in polar cells, where the body is small enough for so many
-cells. Plates with rims on one face bend, and the shear of bending decays from their free edges within a third of the
-thickness: in cells of twice the thickness, the error there is 6 · 12⁻ᵖ. At the holes of a body meshed by gmsh, with
-cells that span an eighth of a circle, it is 5 · 20⁻ᵖ.
+cells. Plates with rims on one face or a tilted poling bend; the shear of bending decays from their free edges within a
+third of the thickness: in cells of twice the thickness, the error there is 6 · 12⁻ᵖ. At the holes of a body meshed by
+gmsh, with cells that span an eighth of a circle, it is 5 · 20⁻ᵖ.
 """
 
 from __future__ import annotations
@@ -201,7 +201,7 @@ def _choices(
     bends = is_grid(slab) and 2 not in mirrors
     for layers in range(1, _MOST_LAYERS + 1):
         error = at_holes * holes + (singular * RATIO ** (layers - 1) + graded) * rims
-        yield Fineness(p, edge, layers), max(error, at_edges * rims * bends)
+        yield Fineness(p, edge, layers), max(error, at_edges * bends)
         if error <= share or not rims:
             break
 

@@ -166,6 +166,17 @@ def test_the_accuracy_asked_for_is_kept(name):
     assert max(against_finer(*SMALL[name], (1e-3, 1e-4))) < 1
 
 
+@pytest.mark.parametrize("direction", [(1, 0, 1), (0.1, 0, 1)])
+def test_the_shear_of_bending_at_free_edges_is_followed_where_the_poling_is_tilted(direction):
+    """Elements of third order, which suffice for the waves, left 2e-3 at 5e-4."""
+    shape, band = trapezoid(6 * MM, 4 * MM, 3.6 * MM, 1 * MM, direction=direction), 300e3
+    finer = slab_mesh(shape, Fineness(7, (3 * MM, 2 * MM, 1 * MM)), shape.mirrors)
+    exact = by_reduction(shape._domain(finer, 7, shape.mirrors), band)
+    found = by_reduction(shape.domain_for(5e-4, band, SHEAR), band)
+    assert exact.size >= 4
+    assert max(np.min(np.abs(found / value - 1)) for value in exact) < 5e-4
+
+
 def by_reduction(domain: Domain, band: float) -> np.ndarray:
     """λ of poles, then zeros below the end of the band that the terminals drive by more than 1e-4, by a reduced
     model.
