@@ -56,7 +56,7 @@ _ORDERS = range(3, 8)
 #: above; largest number of graded cells on one side of a rim; share of the accuracy that is for waves and edges where
 #: there are rims or holes.
 _SINGULAR, _GRADED, _MOST_LAYERS, _SMOOTH = (7e-3, 2.0), (0.07, 8.0), 4, 0.5
-#: (c, b) in the error c b⁻ᵖ of λ at the free edges of grids that bend.
+#: (c, b) in the error c b⁻ᵖ of λ at the free edges of bodies that bend and are not round.
 _FREE_EDGES = (6.0, 12.0)
 #: (c, b) in the error c b⁻ᵖ of λ at a hole in cells of gmsh, measured in the same way as at rims.
 _HOLES = (5.0, 20.0)
@@ -198,7 +198,7 @@ def _choices(
     share = accuracy * (1 - _SMOOTH) if rims or holes else 0.0
     edge = _edges(slab, p, accuracy - share, wavenumber, mirrors)
     at_holes, at_edges, singular, graded = (c * b**-p for c, b in (_HOLES, _FREE_EDGES, _SINGULAR, _GRADED))
-    bends = is_grid(slab) and 2 not in mirrors
+    bends = not is_round(slab) and 2 not in mirrors
     for layers in range(1, _MOST_LAYERS + 1):
         error = at_holes * holes + (singular * RATIO ** (layers - 1) + graded) * rims
         yield Fineness(p, edge, layers), max(error, at_edges * bends)
