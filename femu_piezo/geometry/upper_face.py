@@ -11,8 +11,9 @@ import skfem
 #: Number of candidate places on a quarter of a face with two mirror lines; half a face has twice as many, a whole face
 #: four times as many.
 _ON_A_QUARTER = 45
-#: Share of that number that has to lie on the face; where less do, the places are spread more closely over its box.
-_LEAST = 1 / 3
+#: Share of that number that has to lie on the face; where less do, the places are spread more closely over its box, up
+#: to so many.
+_LEAST, _MOST = 1 / 3, 1_000_000
 #: Distance of the outermost places from the edge of the box around a face, as a share of the spacing of the places.
 _FROM_EDGE = 0.3
 #: Differences of height below this share of the height of a mesh count as zero.
@@ -71,7 +72,7 @@ class UpperFace:
         )
         wanted, places = _ON_A_QUARTER * 4 // 2 ** len({0, 1} & set(mirrors)), np.zeros((0, 2))
         count = wanted
-        while len(places) < _LEAST * wanted:  # of a narrow ring or frame the box is nearly empty
+        while len(places) < _LEAST * wanted and count < _MOST:  # of a narrow ring or frame the box is nearly empty
             grid = _grid(parts, count)
             places, count = grid[covers(*grid.T)], 2 * count
         return cls(parts, mirrors, volume, height, places)
