@@ -33,6 +33,7 @@ _UNITS = (
     "meter = [length] = m = metre",
     "gram = [mass] = g",
     "second = [time] = s",
+    "minute = 60 * second = min",
     "ampere = [current] = A",
     "inch = 0.0254 * meter = in",
     "tonne = 1000 * kilogram = t",
@@ -88,6 +89,7 @@ _EXAMPLES = {
     "rad": '"0.8 mrad"',
     "kg": '"1.580 g"',
     "V": '"0.5 V"',
+    "s": '"5 min"',
     "1": '0.01 or "1 %"',
 }
 

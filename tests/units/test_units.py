@@ -38,6 +38,8 @@ NUMBERS = st.floats(min_value=-1e12, max_value=1e12, allow_nan=False).filter(lam
         ("-255 pm/V", "C/N", -255e-12),
         ("90 kHz", "Hz", 9e4),
         ("0.1 %", "1", 1e-3),
+        ("5 min", "s", 300.0),
+        ("300 s", "s", 300.0),
         (40, "m", 40.0),
         (0.04, "m", 0.04),
         (np.float32(0.5), "m", 0.5),
@@ -53,6 +55,7 @@ def test_known_quantities(value: object, unit: str, si: float) -> None:
     [
         ("40 kg", "m", "dimension"),
         ("3 mm^-1", "m", "dimension"),
+        ("40 min", "m", "dimension"),
         ("40 MM", "m", "did you mean 'mm'"),
         ("20 degC", "m", "not known"),
         ("40,5 mm", "m", "decimal point"),
