@@ -742,13 +742,12 @@ def _plan_only(specimen: Specimen, wish: Wish, data: Path | None, out: Path) -> 
     """Write where to measure, from what is expected or after the points of a file."""
     from femu_piezo.measurement.readers import read_spectrum
     from femu_piezo.output.plan_files import write_plan
-    from femu_piezo.study.adaptive import next_frequencies
-    from femu_piezo.study.identify import planned_frequencies
+    from femu_piezo.study.adaptive import first_frequencies, next_frequencies
 
     if data is None:
         if wish.separate:
             raise InputError("--separate needs a sweep whose causes it can separate; give the sweep by --data")
-        frequency = planned_frequencies(specimen, wish.points)
+        frequency = first_frequencies(specimen, wish)
     else:
         frequency = next_frequencies(specimen, read_spectrum(data), wish)
     if not frequency.size:

@@ -22,9 +22,10 @@ from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.inference.fit import Fit
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen.file import Specimen
+from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.comparing import compare_causes
+from femu_piezo.study.identify import identify
 from femu_piezo.study.linearised import Linearised, dividing_points
 from femu_piezo.study.measured import measure_each
 from femu_piezo.study.model_cache import Bases, SharedBases
@@ -188,6 +189,18 @@ def adapt(
     if states[-1].reason:
         raise InputError(f"{specimen.path or specimen.name}: {len(spectrum)} points: {states[-1].reason}")
     return Adapted(tuple(states), planner.ended or "points")
+
+
+def first_frequencies(specimen: Specimen, wish: Wish) -> np.ndarray:
+    """Where to measure (n,), Hz, a specimen known by its file alone, for an analyser without a connection.
+
+    As many as `wish.points` says, in the band of the wish (`femu_piezo.study.plan`).
+    """
+    band = band_of(specimen, wish)
+    _check(specimen, wish, band)
+    table = (specimen.simulation or Simulation()).model_copy(update={"start": band[0], "stop": band[1]})
+    wanted = specimen.model_copy(update={"simulation": table})
+    return identify(wanted, recommend=False, plan=wish.points).plan.frequency
 
 
 def next_frequencies(specimen: Specimen, spectrum: ImpedanceSpectrum, wish: Wish) -> np.ndarray:

@@ -199,11 +199,6 @@ def identify(
     return IdentifyResult(names, noise, known, tuple(pictures), tuple(recommendations), expected, settings, where)
 
 
-def planned_frequencies(specimen: Specimen, points: int) -> np.ndarray:
-    """Frequencies (n,), Hz, at which to measure a specimen known by its file alone (`femu_piezo.study.plan`)."""
-    return identify(specimen, recommend=False, plan=points).plan.frequency
-
-
 def _lossy(problem: Problem) -> Problem:
     """The problem with the usual loss tangent of free constants that have none; without losses all seem known too well.
 

@@ -246,6 +246,22 @@ def test_a_plan_for_an_analyser_without_a_connection(specimen, tmp_path):
     assert numbers[:9] == [7, 0, 0, 0, 0, 0, 0, 0, len(rows)] and np.allclose(numbers[9:], rows.ravel(), atol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("limits", "options", "band"),
+    [
+        ('["1 kHz", "180 kHz"]', ("--band", "90 kHz", "150 kHz"), (90e3, 150e3)),
+        ('["70 kHz", "160 kHz"]', (), (70e3, 160e3)),
+    ],
+)
+def test_a_plan_keeps_to_its_band(tmp_path, limits, options, band):
+    """The band that is asked for, else that of [simulation] within the frequencies of [limits]."""
+    path = tmp_path / "plate.toml"
+    path.write_text(PLATE.split("[effects")[0].replace('["1 kHz", "180 kHz"]', limits), encoding="utf-8")
+    succeeded("measure", path, "--plan", "--points", "32", "--out", tmp_path / "out", *options)
+    frequency = np.loadtxt(tmp_path / "out" / "plan.csv", skiprows=1)
+    assert frequency.size == 32 and (frequency[0], frequency[-1]) == pytest.approx(band)
+
+
 def test_a_full_disk_is_reported():
     """/dev/full acts as a file on a full disk."""
     spectrum = ImpedanceSpectrum(np.array([1e3, 2e3]), np.array([1 - 2j, 3 - 4j]))
