@@ -706,8 +706,7 @@ def measure(
     wanted = read_specimen(specimen)
     wish = Wish(points, dict(deviations), seconds, band, separate)
     if plan:
-        if instrument is not None:
-            raise InputError("--plan is for an analyser without a connection; leave --instrument out")
+        _refuse_at_the_analyser()
         _plan_only(wanted, wish, data, out)
         return
     if data is not None:
@@ -736,6 +735,20 @@ def measure(
 def _line(text: str) -> None:
     """A line that stays, where the current step may stand on the terminal."""
     click.echo(("\r\033[K" if sys.stdout.isatty() else "") + text)
+
+
+#: Parameters of `measure` that concern an analyser at work, each with its option where that has another name.
+_AT_THE_ANALYSER = dict.fromkeys(
+    ("instrument", "voltage", "bias", "speed", "averages", "timeout", "diagnose", "store", "lot")
+) | {"seconds": "time"}
+
+
+def _refuse_at_the_analyser() -> None:
+    """InputError where an option is given that has no meaning without an analyser."""
+    context = click.get_current_context()
+    for name, option in _AT_THE_ANALYSER.items():
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            raise InputError(f"--plan is for an analyser without a connection; leave --{option or name} out")
 
 
 def _plan_only(specimen: Specimen, wish: Wish, data: Path | None, out: Path) -> None:

@@ -269,6 +269,22 @@ def test_a_full_disk_is_reported():
         PointFile(Path("/dev/full"), Settings()).append(spectrum)
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--instrument", "TCPIP::127.0.0.1::1::SOCKET"),
+        ("--voltage", "0.1 V"),
+        ("--speed", "5"),
+        ("--time", "5 min"),
+        ("--diagnose",),
+        ("--lot", "A"),
+    ],
+)
+def test_a_plan_refuses_what_only_an_analyser_can_do(specimen, tmp_path, options):
+    failed = invoked("measure", specimen, "--plan", "--out", tmp_path / "out", *options)
+    assert failed.exit_code == 2 and f"leave {options[0]} out" in failed.output and not (tmp_path / "out").exists()
+
+
 def test_a_plan_that_separates_needs_a_sweep(specimen, tmp_path):
     failed = invoked("measure", specimen, "--plan", "--separate", "--out", tmp_path / "out")
     assert failed.exit_code == 2 and "give the sweep by --data" in failed.output and not (tmp_path / "out").exists()
