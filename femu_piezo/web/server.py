@@ -95,13 +95,11 @@ def serve(folder: Path, host: str, port: int, store: str | None = None) -> None:
 
 def _checked(store: str, folder: Path) -> str:
     """The address of a store, absolute where it is a file; InputError where it does not answer."""
-    from femu_piezo.store.address import FILE, HERE
     from femu_piezo.store.database import Database
 
-    Database(store, folder).close()
-    if "://" in store:
-        return store
-    return str((folder / FILE if store == HERE else Path(store)).resolve())
+    database = Database(store, folder)
+    database.close()
+    return str(database.shown.absolute()) if isinstance(database.shown, Path) else store
 
 
 def _bound(host: str, port: int) -> socket.socket:

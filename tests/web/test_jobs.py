@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from femu_piezo.web.jobs import Job, Jobs
+from femu_piezo.web.server import _checked
 
 from .conftest import TUTORIALS
 
@@ -133,3 +134,23 @@ def test_commands_keep_their_results_in_the_store_of_the_page(folder: Path) -> N
     database = Database(address, folder, make=False)
     assert [row["status"] for row in read_pieces(database)] == ["ok"]
     database.close()
+
+
+@pytest.mark.parametrize(
+    ("address", "file"),
+    [
+        ("sqlite:///line.sqlite", "line.sqlite"),
+        ("sqlite+pysqlite:///line.sqlite", "line.sqlite"),
+        ("line.sqlite", "line.sqlite"),
+        ("sqlite", "page/store.sqlite"),
+    ],
+)
+def test_the_store_of_the_page_is_that_of_its_terminal(tmp_path: Path, monkeypatch, address: str, file: str) -> None:
+    """The commands run in the folder of the page; the address is meant where the page was started."""
+    from femu_piezo.store.database import Database
+
+    (tmp_path / "page").mkdir()
+    monkeypatch.chdir(tmp_path)
+    checked = _checked(address, Path("page"))
+    monkeypatch.chdir(tmp_path / "page")
+    assert Database(checked, Path()).shown == tmp_path / file
