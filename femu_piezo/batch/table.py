@@ -79,7 +79,7 @@ def _cell(value) -> str:
         return ""
     if isinstance(value, float):
         return repr(value)
-    return " ".join(str(value).split())
+    return " ".join(str(value).splitlines())
 
 
 def _type(pyarrow, name: str, rows: Sequence[dict]):

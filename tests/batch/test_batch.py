@@ -20,6 +20,7 @@ from femu_piezo.batch.lot import lot_of, lot_text
 from femu_piezo.batch.pool import in_turn
 from femu_piezo.batch.report import write_report
 from femu_piezo.batch.run import run_lot
+from femu_piezo.batch.table import write_table
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ENDINGS, ImpedanceSpectrum
@@ -68,6 +69,15 @@ def test_parquet_holds_the_same(lot):
     assert list(rows[0]) == list(other[0])
     for row, same in zip(rows, other, strict=True):
         assert {name: "" if value is None else str(value) for name, value in same.items()} == row
+
+
+def test_the_table_names_files_as_they_are(tmp_path):
+    """Two spaces remain two, as in Parquet; a reason of several lines is one."""
+    row = {"number": 1, "file": "p  1.csv", "specimen": "p  1", "status": "failed", "reason": "first\nsecond"}
+    write_table([row], tmp_path / "table.csv", tmp_path / "table.parquet")
+    found = table(tmp_path)[0]
+    assert (found["file"], found["specimen"], found["reason"]) == ("p  1.csv", "p  1", "first second")
+    assert pyarrow.parquet.read_table(tmp_path / "table.parquet").to_pylist()[0]["file"] == found["file"]
 
 
 def test_lot_report(lot):
