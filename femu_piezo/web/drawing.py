@@ -47,8 +47,8 @@ def drawing(geometry: Geometry) -> str:
         shapes.append(_polygon(paper(hole, thickness), _SIDE))
     shapes.append(_arrow(_poling(geometry), scale, shift, thickness, outline))
     words = ", ".join(f"{name.replace('_', ' ')} {1e3 * value:.4g} mm" for name, value in _dimensions(geometry).items())
-    field = "along the length" if along else "on both faces"
-    told = f"{geometry.shape}: {words}; electrodes {field}; the arrow shows the poling"
+    places = "on both ends" if along else "on both faces"
+    told = f"{geometry.shape}: {words}; electrodes {places}; the arrow shows the poling"
     return (
         f'<svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="img" aria-label="{html.escape(told)}" '
         f'style="width:100%;max-width:{_WIDTH:g}px">{"".join(shapes)}</svg><p>{html.escape(told)}</p>'

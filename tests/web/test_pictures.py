@@ -40,6 +40,13 @@ def test_bodies_are_drawn_within_the_paper(body: dict) -> None:
     assert span[0] > 300 or span[1] > 140  # it fills the paper
 
 
+def test_the_caption_says_where_the_electrodes_are() -> None:
+    """On the two large faces, or on the two ends of a bar that is poled along its length."""
+    captions = [drawing(Geometry.model_validate(body)).rpartition("<p>")[2] for body in BODIES[:2]]
+    assert ["electrodes on both faces" in words for words in captions] == [True, False]
+    assert ["electrodes on both ends" in words for words in captions] == [False, True]
+
+
 def test_the_drawing_shows_the_proportions() -> None:
     """The long edge of a plate ten times as long is ten times that of a square plate, at the same scale."""
 
