@@ -26,6 +26,8 @@ LARGEST_UPLOAD = 50_000_000
 _ACCEPTED = (*ENDINGS, ".toml", ".msh", ".inp")
 #: Depth of the folders that are listed, and bytes of a specimen file that are checked.
 _DEEPEST, _LONGEST = 3, 1_000_000
+#: Bytes of the name of an uploaded file; file systems take 255, and temporary files have longer names.
+_LONGEST_NAME = 180
 #: Files that a folder lists at most, and that it may hold before uploads are refused.
 _MOST_LISTED, _MOST_FILES = 2000, 20_000
 
@@ -154,7 +156,8 @@ class Workspace:
 
         Raises InputError where it is too large or of a kind that is not read, or the folder is full.
         """
-        clean = re.sub(r"[^\w.+ ()=,-]", "_", Path(name.replace("\\", "/")).name).lstrip(". ")[-120:]
+        clean = re.sub(r"[^\w.+ ()=,-]", "_", Path(name.replace("\\", "/")).name)
+        clean = clean.encode()[-_LONGEST_NAME:].decode(errors="ignore").lstrip(". ")
         if Path(clean).suffix.lower() not in _ACCEPTED:
             raise InputError(f"{name}: files of this kind are not read; give one of {', '.join(_ACCEPTED)}")
         if len(content) > LARGEST_UPLOAD:

@@ -85,6 +85,14 @@ def test_uploads_are_named_cleanly_and_replace_nothing(workspace: Workspace) -> 
         workspace.take("big.csv", bytes(LARGEST_UPLOAD + 1))
 
 
+@pytest.mark.parametrize("name", ["測" * 100, "ü" * 200, "a" * 300, *(f"x{' .b' * 80}{'c' * k}" for k in range(3))])
+def test_uploads_with_long_names_are_kept_and_listed(workspace: Workspace, name: str) -> None:
+    """The end of the name remains, which file systems take and which is no hidden file."""
+    kept = workspace.take(f"{name}.csv", b"1")
+    assert workspace.sweeps() == [kept] and f"{name}.csv".endswith(kept)
+    assert workspace.take(f"{name}.csv", b"2") == kept.replace(".csv", "-2.csv")
+
+
 def test_lists_leave_out_results_and_hidden_files(workspace: Workspace) -> None:
     for name in ("a.toml", "lot/b.toml", "lot/b.csv", "results/c.toml", ".d.toml", ".git/e.csv"):
         path = workspace.folder / name
