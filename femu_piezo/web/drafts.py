@@ -173,6 +173,12 @@ class Draft:
         self.set(tomlkit.dumps(document))
 
 
+def table_of(tables: dict[str, Any], name: str) -> dict[str, Any]:
+    """A table of a text that is being written; empty where the name is missing or stands for something else."""
+    found = tables.get(name)
+    return found if isinstance(found, dict) else {}
+
+
 def parsed(text: str) -> Any:
     """The value of the text in a field: a number, a list, true or false as in TOML, else a string such as "40 mm"."""
     text = text.strip()

@@ -14,7 +14,7 @@ from femu_piezo.material.library import library_names
 from femu_piezo.specimen.file import CONSTANTS, Limits, Material, Measurement, Readings, Simulation, Update
 from femu_piezo.specimen.geometry import DIMENSIONS, Geometry, belongs_to
 from femu_piezo.specimen.schema import Table
-from femu_piezo.web.drafts import Draft, parsed, shown
+from femu_piezo.web.drafts import Draft, parsed, shown, table_of
 from femu_piezo.web.drawing import drawing
 from femu_piezo.web.site import Site, complain, nothing
 
@@ -115,15 +115,13 @@ class _Form:
         self._form.clear()
         self._fields = {}
         tables = self._draft.tables()
-        geometry = tables.get("geometry") if isinstance(tables.get("geometry"), dict) else {}
+        shape = _shape(tables)
         with self._form:
             self._field("", "name", None, tables.get("name")).classes("w-full")
             for table, model in _TABLES.items():
-                given = tables.get(table) if isinstance(tables.get(table), dict) else {}
-                keys = self._keys(table, model, geometry)
-                first = [
-                    key for key in keys if key in _FIRST.get(table, ()) or self._is_dimension(table, key, geometry)
-                ]
+                given = table_of(tables, table)
+                keys = self._keys(table, model, shape)
+                first = [key for key in keys if key in _FIRST.get(table, ()) or self._is_dimension(table, key, shape)]
                 with ui.expansion(table.capitalize(), value=table in _FIRST).classes("w-full border rounded"):
                     self._fields_of(table, model, first or keys, given)
                     rest = [key for key in keys if first and key not in first]
@@ -131,21 +129,20 @@ class _Form:
                         opened = any(key in given for key in rest)
                         with ui.expansion("more", value=opened).classes("w-full"):
                             self._fields_of(table, model, rest, given)
-        self._shape = geometry.get("shape")
+        self._shape = shape
         self._tell()
 
     @staticmethod
-    def _keys(table: str, model: type[Table], geometry: dict) -> list[str]:
+    def _keys(table: str, model: type[Table], shape: str | None) -> list[str]:
         keys = list(model.model_fields)
-        shape = geometry.get("shape")
         if table == "geometry" and shape in DIMENSIONS:
             keys = [key for key in keys if belongs_to(shape, key)]
         nested = ("residue", "load")  # tables of their own, written in the text
         return [key for key in keys if key not in nested]
 
     @staticmethod
-    def _is_dimension(table: str, key: str, geometry: dict) -> bool:
-        return table == "geometry" and (key == "shape" or key in DIMENSIONS.get(geometry.get("shape"), ()))
+    def _is_dimension(table: str, key: str, shape: str | None) -> bool:
+        return table == "geometry" and (key == "shape" or key in DIMENSIONS.get(shape, ()))
 
     def _fields_of(self, table: str, model: type[Table], keys: Sequence[str], given: dict) -> None:
         with ui.element("div").classes("w-full grid grid-cols-1 sm:grid-cols-2 gap-x-4 gap-y-2"):
@@ -159,9 +156,12 @@ class _Form:
         if kind is bool:
             field = ui.switch(label, value=value is True, on_change=lambda e: self._put(table, key, e.value or None))
         elif options is not None and key == "free":
-            chosen = [one for one in value or () if one in options]
             field = ui.select(
-                options, value=chosen, multiple=True, label="free constants", on_change=self._putter(table, key)
+                options,
+                value=_chosen(value, options),
+                multiple=True,
+                label="free constants",
+                on_change=self._putter(table, key),
             )
             field.props("outlined dense use-chips hide-bottom-space")
         elif options is not None:
@@ -222,7 +222,7 @@ class _Form:
             return
         self._draft.set(event.value, typed=True)
         tables = self._draft.tables()
-        if tables and tables.get("geometry", {}) and tables["geometry"].get("shape") != self._shape:
+        if table_of(tables, "geometry") and _shape(tables) != self._shape:
             self._rebuild()
         elif tables:
             self._follow(tables)
@@ -235,14 +235,14 @@ class _Form:
         self._following = True
         for where, field in self._fields.items():
             table, _, key = where.rpartition(".")
-            place = tables.get(table, {}) if table else tables
-            value = place.get(key) if isinstance(place, dict) else None
+            value = (table_of(tables, table) if table else tables).get(key)
             if isinstance(field, ui.switch):
                 field.value = value is True
             elif isinstance(field, ui.select):
-                multiple = key == "free"
-                known = [one for one in value or () if one in field.options] if multiple else value
-                field.value = known if multiple or value in field.options else None
+                if key == "free":
+                    field.value = _chosen(value, field.options)
+                else:
+                    field.value = value if value in field.options else None
             else:
                 field.value = shown(value)
         self._following = False
@@ -281,6 +281,17 @@ class _Form:
             self._picture.content = drawing(Geometry.model_validate({k: v for k, v in tables.items() if k != "file"}))
         except (InputError, AttributeError, TypeError, ZeroDivisionError):
             self._picture.content = "<p>A drawing appears here as soon as shape and dimensions are given.</p>"
+
+
+def _shape(tables: dict[str, Any]) -> str | None:
+    """The word that stands for the shape, None where there is none."""
+    found = table_of(tables, "geometry").get("shape")
+    return found if isinstance(found, str) else None
+
+
+def _chosen(value: Any, options: Sequence[str]) -> list[str]:
+    """What a list holds of the options; nothing where the value is no list."""
+    return [one for one in value if one in options] if isinstance(value, list) else []
 
 
 def _read(text: str, words: bool) -> Any:

@@ -12,6 +12,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.output.results.result import suffixes
 from femu_piezo.specimen.file import CONSTANTS, Specimen
 from femu_piezo.web import charts, results
+from femu_piezo.web.drafts import table_of
 from femu_piezo.web.pages.common import chart, figure_rows, framed, notes, report_links
 from femu_piezo.web.site import Site, complain, nothing, table
 
@@ -150,8 +151,8 @@ class _Update:
 
     def _draft_free(self, specimen: Specimen) -> list[str]:
         """The free constants of the draft; those of the saved file where the draft names none."""
-        material = self._site.draft(self._name).tables().get("material", {})
-        return list(material.get("free", specimen.material.free or ()) if isinstance(material, dict) else ())
+        given = table_of(self._site.draft(self._name).tables(), "material").get("free")
+        return list(given if isinstance(given, list) else specimen.material.free or ())
 
     def _free(self, name: str, wish: bool) -> None:
         """Free or hold a constant in the draft; the file changes when it is saved."""
