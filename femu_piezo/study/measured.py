@@ -168,21 +168,32 @@ def _analysed(specimen: Specimen, spectrum: Sweep | None) -> _Analysed:
             f"{specimen.path or specimen.name}: measurement.file is missing; give the path of the sweep in the "
             '[measurement] table, such as file = "impedance.csv"'
         )
-    options = {
+    if spectrum is None:
+        spectrum = read_sweep(wish, wish.file)
+    else:
+        spectrum = spectrum if (fixture := _compensation(wish)) is None else fixture.applied(spectrum)
+        wish, spectrum = wish.model_copy(update={"file": None}), accept_spectrum(spectrum, **_corrections(wish))
+    spectrum = _without_clipped(spectrum)
+    problem = prepare(specimen.model_copy(update={"measurement": wish}), check=False)
+    fitted = _without_held_out(spectrum, wish.held_out, str(specimen.path or specimen.name))
+    return _Analysed(problem, spectrum, fitted, extract(fitted))
+
+
+def read_sweep(wish: Measurement, file: Path) -> ImpedanceSpectrum:
+    """The sweep of a file, read, compensated and corrected as a [measurement] table says; InputError where it cannot
+    be used.
+    """
+    return read_spectrum(file, **_corrections(wish), **_layout(wish, file), compensation=_compensation(wish))
+
+
+def _corrections(wish: Measurement) -> dict[str, Any]:
+    """The keys of [measurement] for any sweep, in a file or not."""
+    return {
         "correct_phase": wish.correct_phase,
         "mask_faults": wish.mask_faults,
         "mask": wish.mask or (),
         "noise": wish.noise,
     }
-    if spectrum is None:
-        spectrum = read_spectrum(wish.file, **options, **_layout(wish, wish.file), compensation=_compensation(wish))
-    else:
-        spectrum = spectrum if (fixture := _compensation(wish)) is None else fixture.applied(spectrum)
-        wish, spectrum = wish.model_copy(update={"file": None}), accept_spectrum(spectrum, **options)
-    spectrum = _without_clipped(spectrum)
-    problem = prepare(specimen.model_copy(update={"measurement": wish}), check=False)
-    fitted = _without_held_out(spectrum, wish.held_out, str(specimen.path or specimen.name))
-    return _Analysed(problem, spectrum, fitted, extract(fitted))
 
 
 def _without_clipped(spectrum: ImpedanceSpectrum) -> ImpedanceSpectrum:

@@ -13,6 +13,7 @@ from femu_piezo.measurement.checks import check_spectrum
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.tables import interval_text
+from femu_piezo.specimen.file import Measurement
 from femu_piezo.units import number
 from femu_piezo.web.charts import Curve
 
@@ -38,6 +39,20 @@ def sweep(path: Path) -> tuple[Curve, list[tuple[str, np.ndarray]], list[str]] |
         return str(error).replace(str(path), path.name)
     faults = [(fault.message, spectrum.frequency[fault.indices]) for fault in check_spectrum(spectrum)]
     return (spectrum.frequency, spectrum.impedance), faults, list(spectrum.notes)
+
+
+def measured(wish: Measurement, file: Path) -> Curve | str:
+    """Curve of a sweep as a fit takes it, with the corrections of its [measurement] table; or the sentence of an error.
+
+    An error is returned, not raised, as this runs in another process.
+    """
+    from femu_piezo.study.measured import read_sweep
+
+    try:
+        spectrum = read_sweep(wish, file)
+    except InputError as error:
+        return str(error).replace(str(file), file.name)
+    return spectrum.frequency, spectrum.impedance
 
 
 def curve(path: Path) -> Curve | None:

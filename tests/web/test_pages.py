@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import urlencode
 from urllib.request import urlopen
 
+import numpy as np
 import pytest
 
 pytest.importorskip("nicegui", reason="the page needs nicegui: pip install 'femu-piezo[web]'")
 
+from femu_piezo.measurement.compensation import Compensation
+from femu_piezo.measurement.readers import read_spectrum, write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.web.drafts import Draft
+from femu_piezo.web.pages import update
 from femu_piezo.web.pages.specimen import _Form
 from femu_piezo.web.pages.update import _Update
 from femu_piezo.web.workspace import Workspace
+
+from .conftest import TUTORIALS
 
 TEXT = """name = "plate"
 [geometry]
@@ -67,3 +75,55 @@ def test_an_update_shows_the_free_constants_of_a_text_with_values_of_another_kin
     assert page._draft_free(workspace.specimen("plate.toml")[0]) == ["s11"]
     site.draft("plate.toml").put("material", "free", ["d31"])
     assert page._draft_free(workspace.specimen("plate.toml")[0]) == ["d31"]
+
+
+class Place:
+    """Stands for a column of the page."""
+
+    def classes(self, _: str) -> Place:
+        return self
+
+    style = classes
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+@pytest.mark.parametrize("key", ["correct_phase = true", "columns", "open", "mask = [[60e3, 70e3]]"])
+def test_an_update_is_compared_with_the_sweep_that_was_fitted(tmp_path: Path, monkeypatch, key: str) -> None:
+    """The measured curve of the page is that of the fit: its phase turned, its columns named, its fixture taken off."""
+    true, file = read_spectrum(TUTORIALS / "k31_plate" / "sweep.csv"), tmp_path / "sweep.csv"
+    raw = ImpedanceSpectrum(true.frequency, -true.impedance if key.startswith("correct") else true.impedance)
+    if key == "open":
+        shunt = ImpedanceSpectrum(true.frequency, 1 / (2j * np.pi * true.frequency * 20e-12))
+        write_spectrum(shunt, tmp_path / "open.csv")
+        raw = ImpedanceSpectrum(true.frequency, 1 / (1 / true.impedance + 1 / shunt.impedance))
+        key = 'open = "open.csv"'
+        assert Compensation(open=shunt).applied(raw).impedance == pytest.approx(true.impedance)
+    write_spectrum(raw, file)
+    if key == "columns":
+        file.write_text("\n".join(file.read_text().splitlines()[1:]))
+        key = 'columns = ["f (Hz)", "R (Ohm)", "X (Ohm)"]'
+    (tmp_path / "plate.toml").write_text(f'{TEXT}[measurement]\nfile = "sweep.csv"\n{key}\n')
+    workspace = Workspace.of(tmp_path)
+    folder = workspace.path(workspace.results("plate.toml", "update"))
+    folder.mkdir(parents=True)
+    fitted = true.select((true.frequency < 60e3) | (true.frequency > 70e3)) if "mask" in key else true
+    write_spectrum(fitted, folder / "updated.csv")
+
+    async def here(function, *given):
+        return function(*given)
+
+    shown = []
+    monkeypatch.setattr(update, "ui", SimpleNamespace(column=Place))
+    monkeypatch.setattr(update.run, "cpu_bound", here)
+    monkeypatch.setattr(update, "_compare", lambda name, measured, updated: shown.append((name, measured)))
+    page = _Update(SimpleNamespace(workspace=workspace), "plate.toml")
+    page._places = page._reserved_places()
+    asyncio.run(page._draw())
+    [(name, (frequency, impedance))] = shown
+    assert name == "measured" and frequency.tolist() == fitted.frequency.tolist()
+    assert impedance == pytest.approx(fitted.impedance, rel=1e-9)

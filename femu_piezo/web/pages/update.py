@@ -10,7 +10,7 @@ from nicegui import run, ui
 
 from femu_piezo.errors import InputError
 from femu_piezo.output.results.result import suffixes
-from femu_piezo.specimen.file import CONSTANTS, Specimen
+from femu_piezo.specimen.file import CONSTANTS, Measurement, Specimen
 from femu_piezo.web import charts, results
 from femu_piezo.web.drafts import table_of
 from femu_piezo.web.pages.common import chart, figure_rows, framed, notes, report_links
@@ -87,26 +87,28 @@ class _Update:
                     framed(self._site.address(self._site.workspace.name(self._folder / "report.html")), "report")
             report_links(self._site, self._folder)
 
-    def _reserved_places(self) -> list[tuple[str, Path, Path, ui.column]]:
-        """(name, file, file of the updated curve, column for the charts) of every updated sweep, height reserved."""
-        files, found = _sweep_files(self._site, self._name), []
-        for suffix, path in zip(suffixes(len(files)), files, strict=True):
+    def _reserved_places(self) -> list[tuple[str, Measurement, Path, ui.column]]:
+        """(name, sweep, file of the updated curve, column for the charts) of every updated sweep, height reserved."""
+        sweeps, found = _sweeps(self._site, self._name), []
+        for suffix, sweep in zip(suffixes(len(sweeps)), sweeps, strict=True):
             updated = self._folder / f"updated{suffix}.csv"
-            if path is not None and updated.exists():
+            if sweep is not None and sweep.file is not None and updated.exists():
                 height = f"min-height: calc({charts.IMPEDANCE_HEIGHT + charts.RESIDUAL_HEIGHT}px + 1rem)"
                 place = ui.column().classes("w-full gap-4").style(height)
-                found.append((path.name if suffix else "measured", path, updated, place))
+                found.append((sweep.file.name if suffix else "measured", sweep, updated, place))
         return found
 
     async def _draw(self) -> None:
         """Draw measured and updated curves, and their residuals, into the reserved places."""
-        for name, path, file, place in self._places:
+        for name, sweep, file, place in self._places:
             updated = results.curve(file)
-            found = None if updated is None else await run.cpu_bound(results.sweep, path)
+            found = None if updated is None else await run.cpu_bound(results.measured, sweep, sweep.file)
             place.style("min-height: 0")  # charts reserve their own height
-            if found is not None and not isinstance(found, str):
-                with place:
-                    _compare(name, found[0], updated)
+            with place:
+                if isinstance(found, str):
+                    ui.label(found).classes("error").props('role="alert"')
+                elif found is not None:
+                    _compare(name, found, updated)
 
     def _freeing(self) -> None:
         """Show which constants are free, and how well `identify` expects a sweep to determine each."""
@@ -187,13 +189,12 @@ def unsaved(site: Site, name: str) -> None:
         ui.link("see them", f"/specimen?{urlencode({'spec': name})}")
 
 
-def _sweep_files(site: Site, name: str) -> list[Path | None]:
-    """The file of every sweep of the specimens of a file."""
+def _sweeps(site: Site, name: str) -> list[Measurement | None]:
+    """The [measurement] table of every sweep of the specimens of a file."""
     try:
-        sweeps = [sweep for one in site.workspace.specimen(name) for sweep in one.of_each_sweep]
+        return [sweep.measurement for one in site.workspace.specimen(name) for sweep in one.of_each_sweep]
     except InputError:
         return []
-    return [None if one.measurement is None else one.measurement.file for one in sweeps]
 
 
 def _compare(name: str, measured: charts.Curve, updated: charts.Curve) -> None:
