@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import urlencode
@@ -75,6 +77,36 @@ def test_an_update_shows_the_free_constants_of_a_text_with_values_of_another_kin
     assert page._draft_free(workspace.specimen("plate.toml")[0]) == ["s11"]
     site.draft("plate.toml").put("material", "free", ["d31"])
     assert page._draft_free(workspace.specimen("plate.toml")[0]) == ["d31"]
+
+
+def record(*names: str, **more) -> str:
+    """update.json of specimens of some names, without constants."""
+    figure = {"value": 0.7, "std": None, "unit": "1", "model": None, "meaning": "coupling"}
+    figures = [{"title": "bar", "figures": {"k31": figure}}]
+    one = {"rms_log_error": {"baseline": 0.1, "updated": 0.01}, "standard_figures": figures}
+    specimens = [{"name": name, **one} for name in names]
+    return json.dumps({"parameters": {}, "notes": [], "specimens": specimens, **more})
+
+
+def page_of_update(serve, tmp_path: Path, text: str, *pictures: str) -> str:
+    """The page of the last update, with its update.json and pictures that lie in its folder."""
+    (tmp_path / "plate.toml").write_text(TEXT)
+    folder = tmp_path / "results" / "plate.toml" / "update"
+    folder.mkdir(parents=True)
+    (folder / "update.json").write_text(text)
+    for name in pictures:
+        (folder / name).write_bytes(b"")
+    with urlopen(f"{serve().base}/update?spec=plate.toml", timeout=60) as answer:
+        return answer.read().decode()
+
+
+@pytest.mark.parametrize("samples", [None, {"count": 400}])
+def test_pictures_of_an_earlier_update_are_not_shown(serve, tmp_path: Path, samples) -> None:
+    """Samples only where the last update drew some, the sensitivity of as many sweeps as it had."""
+    pictures = ("corner.png", "sensitivity.png", "sensitivity_1.png", "sensitivity_2.png")
+    page = page_of_update(serve, tmp_path, record("plate", samples=samples), *pictures)
+    assert ("Samples of the posterior" in page) == (samples is not None)
+    assert re.findall(r"/(sensitivity\w*\.png)\?", page) == ["sensitivity.png"]
 
 
 class Place:

@@ -75,8 +75,10 @@ class _Update:
                     for one in figures:
                         headings = ("figure", "by standard", "finite elements", "meaning")
                         table(headings, figure_rows(one, model=True), "standard figures")
-            for title, pattern in (("Sensitivity", "sensitivity*.png"), ("Samples of the posterior", "corner.png")):
-                pictures = sorted(self._folder.glob(pattern))
+            sensitivities = [f"sensitivity{suffix}.png" for suffix in suffixes(len(found["specimens"]))]
+            samples = ["corner.png"] if found.get("samples") else []  # else it is of an earlier update
+            for title, names in (("Sensitivity", sensitivities), ("Samples of the posterior", samples)):
+                pictures = [self._folder / name for name in names if (self._folder / name).exists()]
                 if pictures:
                     with ui.expansion(title).classes("w-full border rounded"):
                         for path in pictures:
