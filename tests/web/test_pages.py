@@ -109,6 +109,12 @@ def test_pictures_of_an_earlier_update_are_not_shown(serve, tmp_path: Path, samp
     assert re.findall(r"/(sensitivity\w*\.png)\?", page) == ["sensitivity.png"]
 
 
+def test_standard_figures_of_every_specimen_are_shown(serve, tmp_path: Path) -> None:
+    """Each with the name of its specimen."""
+    page = page_of_update(serve, tmp_path, record("first", "second"))
+    assert "first: bar" in page and "second: bar" in page
+
+
 class Place:
     """Stands for a column of the page."""
 

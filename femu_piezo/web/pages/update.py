@@ -69,12 +69,13 @@ class _Update:
                 chart(charts.bar_chart(shares, "share of the variance (%)"), "budget of the standard deviations")
             self._places = self._reserved_places()
             ui.timer(0.05, self._draw, once=True)
-            figures = found["specimens"][0].get("standard_figures") or []
+            figures = [(one["name"], mode) for one in found["specimens"] for mode in one.get("standard_figures") or []]
             if figures:
                 with ui.expansion("Standard figures").classes("w-full border rounded"):
-                    for one in figures:
+                    for name, mode in figures:
+                        ui.label(f"{name}: {mode['title']}").classes("font-bold")
                         headings = ("figure", "by standard", "finite elements", "meaning")
-                        table(headings, figure_rows(one, model=True), "standard figures")
+                        table(headings, figure_rows(mode, model=True), "standard figures")
             sensitivities = [f"sensitivity{suffix}.png" for suffix in suffixes(len(found["specimens"]))]
             samples = ["corner.png"] if found.get("samples") else []  # else it is of an earlier update
             for title, names in (("Sensitivity", sensitivities), ("Samples of the posterior", samples)):
