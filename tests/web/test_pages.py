@@ -36,6 +36,8 @@ thickness = "1 mm"
 base = "pzt-5h"
 free = ["s11"]
 """
+#: Names of the curves of a diagnosis.
+CURVES = ("measured", "before", "after")
 #: What stands in the file, and what is written in its place.
 WRITTEN = (
     ('free = ["s11"]', "free = 5"),
@@ -113,6 +115,26 @@ def test_standard_figures_of_every_specimen_are_shown(serve, tmp_path: Path) -> 
     """Each with the name of its specimen."""
     page = page_of_update(serve, tmp_path, record("first", "second"))
     assert "first: bar" in page and "second: bar" in page
+
+
+def test_a_diagnosis_shows_the_curves_and_the_report_of_every_sweep(serve, tmp_path: Path) -> None:
+    """Not those of an earlier diagnosis of one sweep."""
+    (tmp_path / "plate.toml").write_text(TEXT)
+    folder = tmp_path / "results" / "plate.toml" / "diagnose"
+    folder.mkdir(parents=True)
+    told = {"verdict": "none", "causes": [], "candidates": [], "notes": [], "parameters": {"after": {}}}
+    told |= {"recommended_measurements": [], "separations": [], "sweeps": [{"specimen": "up"}, {"specimen": "down"}]}
+    (folder / "diagnosis.json").write_text(json.dumps(told))
+    parts = [f"{curve}_{part}_ohm" for curve in CURVES for part in ("resistance", "reactance")]
+    head = ",".join(["frequency_Hz", *parts, "noise_ohm", "fitted"])
+    for number, suffix in enumerate(("", "_1", "_2")):
+        rows = [f"{frequency + number},1,-5,1,-5,1,-5,0.1,1" for frequency in (111, 222)]
+        (folder / f"curves{suffix}.csv").write_text("\n".join([head, *rows]))
+        (folder / f"report{suffix}.html").write_text("")
+    with urlopen(f"{serve().base}/diagnosis?spec=plate.toml", timeout=60) as answer:
+        page = answer.read().decode()
+    assert page.count("residual before and after") == 2
+    assert re.findall(r'"src":"[^"]*/(report\w*\.html)"', page) == ["report_1.html", "report_2.html"]
 
 
 class Place:

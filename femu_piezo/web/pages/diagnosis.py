@@ -9,6 +9,7 @@ from nicegui import ui
 
 from femu_piezo.effects.words import readable
 from femu_piezo.errors import InputError
+from femu_piezo.output.results.result import suffixes
 from femu_piezo.specimen.file import read_specimen, write_specimen
 from femu_piezo.units import signed
 from femu_piezo.web import charts, results
@@ -69,7 +70,10 @@ class _Diagnosis:
             if found["causes"]:
                 self._causes(found)
             notes(found["notes"])
-            self._curves()
+            sweeps = found.get("sweeps") or [{}]
+            files = list(zip(suffixes(len(sweeps)), (one.get("specimen", "") for one in sweeps), strict=True))
+            for suffix, name in files:
+                self._curves(suffix, name)
             self._candidates(found)
             headings = ("constant", "unit", "after", "loss tangent", "± mostly from")
             rows = results.constant_rows(found["parameters"]["after"])
@@ -88,9 +92,11 @@ class _Diagnosis:
                     ]
                     headings = ("measurement", "cause", "separated from", "now (σ)", "expected (σ)")
                     table(headings, rows, "separations by further measurements")
-            if (self._folder / "report.html").exists():
-                with ui.expansion("Report").classes("w-full border rounded"):
-                    framed(self._site.address(self._site.workspace.name(self._folder / "report.html")), "report")
+            for suffix, name in files:
+                report = self._folder / f"report{suffix}.html"
+                if report.exists():
+                    with ui.expansion(f"Report: {name}" if suffix else "Report").classes("w-full border rounded"):
+                        framed(self._site.address(self._site.workspace.name(report)), "report")
             report_links(self._site, self._folder)
 
     def _causes(self, found: dict) -> None:
@@ -120,10 +126,13 @@ class _Diagnosis:
             return
         ui.navigate.to(f"/diagnosis?{urlencode({'spec': name})}")
 
-    def _curves(self) -> None:
-        found = results.columns(self._folder / "curves.csv")
+    def _curves(self, suffix: str, name: str) -> None:
+        """The charts of one sweep, with its name where there are several."""
+        found = results.columns(self._folder / f"curves{suffix}.csv")
         if found is None:
             return
+        if suffix:
+            ui.label(name).classes("text-lg font-bold")
         frequency = found["frequency_Hz"]
         z = {
             name: found[f"{name}_resistance_ohm"] + 1j * found[f"{name}_reactance_ohm"]
