@@ -18,8 +18,9 @@ pytest.importorskip("nicegui", reason="the page needs nicegui: pip install 'femu
 from femu_piezo.measurement.compensation import Compensation
 from femu_piezo.measurement.readers import read_spectrum, write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.specimen.file import read_specimens, write_study
 from femu_piezo.web.drafts import Draft
-from femu_piezo.web.pages import update
+from femu_piezo.web.pages import diagnosis, update
 from femu_piezo.web.pages.specimen import _Form
 from femu_piezo.web.pages.update import _Update
 from femu_piezo.web.workspace import Workspace
@@ -135,6 +136,28 @@ def test_a_diagnosis_shows_the_curves_and_the_report_of_every_sweep(serve, tmp_p
         page = answer.read().decode()
     assert page.count("residual before and after") == 2
     assert re.findall(r'"src":"[^"]*/(report\w*\.html)"', page) == ["report_1.html", "report_2.html"]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_extended_specimens_are_kept_beside_the_diagnosed_ones(tmp_path: Path, monkeypatch, count: int) -> None:
+    """Of a study a study file, with a specimen file for each of its specimens."""
+    workspace = Workspace.of(tmp_path)
+    folder = workspace.path(workspace.results("lot/both.toml", "diagnose"))
+    folder.mkdir(parents=True)
+    (tmp_path / "lot").mkdir()
+    (folder / "extended.toml").write_text(TEXT)
+    if count > 1:
+        names = [f"extended_{number}.toml" for number in range(1, count + 1)]
+        for name in names:
+            (folder / name).write_text(TEXT.replace('"plate"\n[', f'"{name}"\n['))
+        write_study(names, folder / "extended.toml")
+    opened = []
+    monkeypatch.setattr(diagnosis, "ui", SimpleNamespace(navigate=SimpleNamespace(to=opened.append)))
+    diagnosis._Diagnosis(SimpleNamespace(workspace=workspace), "lot/both.toml")._accept()
+    assert opened == ["/diagnosis?spec=lot%2Fboth-extended.toml"]
+    found = workspace.specimen("lot/both-extended.toml")
+    assert [one.name for one in found] == [one.name for one in read_specimens([folder / "extended.toml"])]
+    assert len(found) == count and len(workspace.specimens()) == (1 if count == 1 else 1 + count)
 
 
 class Place:

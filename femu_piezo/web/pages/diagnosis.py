@@ -10,7 +10,7 @@ from nicegui import ui
 from femu_piezo.effects.words import readable
 from femu_piezo.errors import InputError
 from femu_piezo.output.results.result import suffixes
-from femu_piezo.specimen.file import read_specimen, write_specimen
+from femu_piezo.specimen.file import read_specimens, write_specimen, write_study
 from femu_piezo.units import signed
 from femu_piezo.web import charts, results
 from femu_piezo.web.pages.common import chart, framed, notes, report_links
@@ -115,12 +115,22 @@ class _Diagnosis:
             self._accepted = ui.label().props('role="status" aria-live="polite"')
 
     def _accept(self) -> None:
-        """Write a new specimen file with the named effects; the old file stays as it is."""
+        """Write a new specimen file with the named effects, or a study file with those of several specimens.
+
+        The old files stay as they are.
+        """
         workspace = self._site.workspace
         try:
-            extended = read_specimen(self._folder / "extended.toml")
+            extended = read_specimens([self._folder / "extended.toml"])
             name = workspace.free_name(f"{self._name.removesuffix('.toml')}-extended.toml")
-            write_specimen(extended, workspace.path(name))
+            files = [workspace.path(name)]
+            if len(extended) > 1:
+                stem = name.removesuffix(".toml")
+                numbers = range(1, len(extended) + 1)
+                files = [workspace.path(workspace.free_name(f"{stem}-{number}.toml")) for number in numbers]
+                write_study([file.name for file in files], workspace.path(name))
+            for specimen, file in zip(extended, files, strict=True):
+                write_specimen(specimen, file)
         except InputError as error:
             complain(str(error))
             return
