@@ -46,3 +46,9 @@ def impedance_charts(
         )
         for vertical, part, buttons, height in parts
     ]
+
+
+def view(name: str, low: float, high: float, frequency: np.ndarray, factor: float) -> dict[str, tuple[float, float]]:
+    """A range of frequency, Hz, as far as it is in the sweep (n,), in the unit of the axis; none where it is not."""
+    low, high = max(low, frequency[0]), min(high, frequency[-1])
+    return {name: (float(low * factor), float(high * factor))} if low < high else {}

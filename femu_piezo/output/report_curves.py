@@ -7,7 +7,7 @@ import numpy as np
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.output.chart import Axis, Band, Chart, Series
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
-from femu_piezo.output.impedance_charts import Curve, impedance_charts
+from femu_piezo.output.impedance_charts import Curve, impedance_charts, view
 from femu_piezo.output.sensitivity import COLOURS
 from femu_piezo.study.results import Outcome
 
@@ -31,9 +31,7 @@ def curve_charts(outcome: Outcome) -> list[Chart]:
     bands = () if held_out is None else (Band("x", held_out[0] * factor, held_out[1] * factor, "not used by the fit"),)
     residual = residual_in_sigma(outcome)
     return [
-        *impedance_charts(
-            x, axis, curves, group, bands, {"around the fundamental": _around_fundamental(outcome, factor)}
-        ),
+        *impedance_charts(x, axis, curves, group, bands, _views(outcome, factor)),
         Chart(
             axis,
             Axis("residual (σ)"),
@@ -49,11 +47,12 @@ def curve_charts(outcome: Outcome) -> list[Chart]:
     ]
 
 
-def _around_fundamental(outcome: Outcome, factor: float) -> tuple[float, float]:
+def _views(outcome: Outcome, factor: float) -> dict[str, tuple[float, float]]:
+    """The range around the fundamental, where the sweep reaches it."""
     pair, frequency = outcome.measured.pair, outcome.measured.spectrum.frequency
     span = pair.zero.frequency_Hz - pair.pole.frequency_Hz
     low, high = pair.pole.frequency_Hz - span, pair.zero.frequency_Hz + span
-    return float(max(low, frequency[0]) * factor), float(min(high, frequency[-1]) * factor)
+    return view("around the fundamental", low, high, frequency, factor)
 
 
 def residual_in_sigma(outcome: Outcome) -> np.ndarray:
@@ -100,7 +99,7 @@ def sensitivity_chart(outcome: Outcome) -> Chart:
         Axis("|∂ log Z / ∂ log θ|", log=True, limits=(float(_SEEN * size.max()), float(1.5 * size.max()))),
         series,
         f"sensitivity of {result.title}",
-        views={"around the fundamental": _around_fundamental(outcome, factor)},
+        views=_views(outcome, factor),
         height=360,
         caption="Relative change of Z for a relative change of each constant, at the updated constants: 2 means that "
         "a change of the constant by 1 % changes Z by 2 %. A constant without a curve has no visible effect.",

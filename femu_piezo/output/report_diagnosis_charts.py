@@ -6,7 +6,7 @@ import numpy as np
 
 from femu_piezo.output.chart import Axis, Band, Chart, Series
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
-from femu_piezo.output.impedance_charts import Curve, impedance_charts
+from femu_piezo.output.impedance_charts import Curve, impedance_charts, view
 from femu_piezo.output.wording import names_of
 from femu_piezo.study.diagnose import Diagnosis
 
@@ -34,13 +34,12 @@ def _views(result: Diagnosis, factor: float) -> dict[str, tuple[float, float]]:
     """Ranges of frequency: around the fundamental, and where the misfit of the base model is largest."""
     frequency, views = result.spectrum.frequency, {}
     width = 0.15 * result.reference_Hz
-    low, high = max(result.reference_Hz - width, frequency[0]), min(result.reference_Hz + width, frequency[-1])
-    views["around the fundamental"] = (float(low * factor), float(high * factor))
+    low, high = result.reference_Hz - width, result.reference_Hz + width
+    views |= view("around the fundamental", low, high, frequency, factor)
     if result.verdict.before.worst_Hz:
         first, last = result.verdict.before.worst_Hz[0]
         room = 0.5 * (last - first)
-        low, high = max(first - room, frequency[0]), min(last + room, frequency[-1])
-        views["where the base model fails most"] = (float(low * factor), float(high * factor))
+        views |= view("where the base model fails most", first - room, last + room, frequency, factor)
     return views
 
 

@@ -111,14 +111,19 @@ def _summary(result: UpdateResult) -> str:
     for outcome in result.outcomes:
         measured, pair = outcome.measured, outcome.measured.pair
         frequency = measured.spectrum.frequency
+        fundamental = (
+            f"series resonance (pole) at {_frequency(pair.pole.frequency_Hz)} with "
+            f"Q = {pair.pole.quality_factor:.4g}, parallel resonance (zero) at {_frequency(pair.zero.frequency_Hz)} "
+            f"with Q = {pair.zero.quality_factor:.4g}, effective coupling k_eff = {pair.k_eff:.4f}"
+            if measured.holds_fundamental
+            else "the fundamental is not in this sweep"
+        )
         parts.append(
             paragraph(
                 f"{measured.problem.specimen.name}: {len(measured.spectrum)} points from {_frequency(frequency[0])} to "
-                f"{_frequency(frequency[-1])}; series resonance (pole) at {_frequency(pair.pole.frequency_Hz)} with "
-                f"Q = {pair.pole.quality_factor:.4g}, parallel resonance (zero) at "
-                f"{_frequency(pair.zero.frequency_Hz)} with Q = {pair.zero.quality_factor:.4g}, effective coupling "
-                f"k_eff = {pair.k_eff:.4f}. The root mean square difference between simulated and measured log Z "
-                f"falls from {100 * outcome.rms_before:.3g} % with the baseline to {100 * outcome.rms_after:.3g} %."
+                f"{_frequency(frequency[-1])}; {fundamental}. The root mean square difference between simulated and "
+                f"measured log Z falls from {100 * outcome.rms_before:.3g} % with the baseline to "
+                f"{100 * outcome.rms_after:.3g} %."
             )
         )
     parts.append(paragraph(_method(result)))
