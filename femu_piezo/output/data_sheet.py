@@ -31,7 +31,7 @@ _NAME, _WIDTH, _LINES = 48, 130, 8
 
 
 def data_sheet(result: UpdateResult, index: int = 0) -> Figure:
-    """The page of one sweep of an update."""
+    """The page of one sweep of an update, without standard figures where the sweep gives none."""
     outcome, modes = result.outcomes[index], result.figures[index]
     page = Picture(figsize=_A4)
     name = as_it_stands(outcome.measured.problem.specimen.name)
@@ -42,9 +42,11 @@ def data_sheet(result: UpdateResult, index: int = 0) -> Figure:
     step = min(_STEP, (_TOP - _CURVES) / (len(constants) + len(figures) + 2 * _HEAD))
     _table(page, _TOP, step, "Material constants", ("", "value", "loss tangent", "mostly from"), constants)
     below = _TOP - step * (len(constants) + _HEAD)
-    headings = ("", "by standard", "finite elements", "dev.", "")
-    _table(page, below, step, f"Standard figures: {modes[0].title}", headings, figures)
-    _curves(page, outcome, below - step * (len(figures) + _HEAD))
+    if modes:
+        headings = ("", "by standard", "finite elements", "dev.", "")
+        _table(page, below, step, f"Standard figures: {modes[0].title}", headings, figures)
+        below -= step * (len(figures) + _HEAD)
+    _curves(page, outcome, below)
     _footer(page, result, modes)
     return page
 
@@ -92,7 +94,8 @@ def _constants(result: UpdateResult) -> list[tuple[str, ...]]:
 
 def _figures(modes: Sequence[StandardFigures]) -> list[tuple[str, ...]]:
     """Rows of all figures of the fundamental, and of those in `_OF_FURTHER_MODES` of the other modes."""
-    stated = [*modes[0].figures, *(one for mode in modes[1:] for one in mode.figures if one.name in _OF_FURTHER_MODES)]
+    stated = [one for mode in modes[:1] for one in mode.figures]
+    stated += [one for mode in modes[1:] for one in mode.figures if one.name in _OF_FURTHER_MODES]
     return [
         (one.name, figure_words(one), figure_words(one, model=True), deviation_percent(one.deviation), one.meaning)
         for one in stated

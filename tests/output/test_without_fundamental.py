@@ -13,6 +13,7 @@ import pytest
 from femu_piezo.api import update
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.output.data_sheet import data_sheet
 from femu_piezo.output.report_diagnosis_charts import _views
 from femu_piezo.output.results.updated import Updated
 from tests import k31_bar
@@ -61,3 +62,16 @@ def test_ranges_of_a_diagnosis_lie_in_the_sweep():
     verdict = SimpleNamespace(before=SimpleNamespace(worst_Hz=((61e3, 63e3),)))
     found = _views(SimpleNamespace(spectrum=spectrum, reference_Hz=35e3, verdict=verdict), 1e-3)
     assert found == {"where the base model fails most": pytest.approx((60, 64))}
+
+
+def test_a_data_sheet_has_the_figures_that_there_are(result, tmp_path):
+    """The sheet of the second sweep has constants and curves, and no standard figures."""
+    assert [len(modes) for modes in result.figures] == [1, 0]
+    out = result.save_data_sheet(tmp_path)
+    assert sorted(path.name for path in out.iterdir() if path.suffix == ".pdf") == [
+        "datasheet_1.pdf",
+        "datasheet_2.pdf",
+    ]
+    titles = [[text.get_text() for text in data_sheet(result, index).texts] for index in (0, 1)]
+    assert [any(words.startswith("Standard figures") for words in page) for page in titles] == [True, False]
+    assert all("Material constants" in page and "s11" in page for page in titles)
