@@ -138,10 +138,16 @@ def _sentence(name: str, result: UpdateResult) -> str:
 
 def _method(result: UpdateResult) -> str:
     if result.method == "pole_zero":
+        fitted = (
+            f"the first pole and zero of the finite element model were fitted to the measured ones in "
+            f"{result.iterations} iterations with exact sensitivities (Cong, Hu, Li 2022)"
+            if result.iterations
+            else "all poles and zeros of the finite element model that have a measured partner were fitted to it "
+            "together (Cong, Hu, Li 2022, appendix A)"
+        )
         return (
-            f"Method: the first pole and zero of the finite element model were fitted to the measured ones in "
-            f"{result.iterations} iterations with exact sensitivities (Cong, Hu, Li 2022). Source of eps33T: "
-            f"{result.permittivity_source}. The rest of the curve was not fitted and serves as a test."
+            f"Method: {fitted}. Source of eps33T: {result.permittivity_source}. The rest of the curve was not fitted "
+            "and serves as a test."
         )
     return (
         f"Method: {result.iterations} pole-zero iterations, then a maximum-likelihood fit of the whole measured "
@@ -252,6 +258,9 @@ def _identifiability(result: UpdateResult) -> str:
             paragraph(
                 "One complex pole and one complex zero determine two complex constants exactly, and the low-frequency "
                 "capacitance determines the permittivity: only the rest of the curve can contradict them."
+                if result.iterations
+                else "The poles and zeros determine the constants together with the prior knowledge of the specimen "
+                "file. Of a constant whose deviation comes mostly from the prior in the budget, they tell little."
             )
         )
     else:

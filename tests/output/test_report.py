@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from femu_piezo.api import update
 from femu_piezo.errors import InputError
-from femu_piezo.output import report_modes
+from femu_piezo.output import report_modes, report_update
 from femu_piezo.output.report import Section, report_html
 from femu_piezo.output.report_update import _stated
 from tests.commands import succeeded
@@ -159,6 +160,22 @@ def test_a_machine_without_renderer_still_gets_a_report(monkeypatch, tmp_path):
     assert (
         text.count("data:image/png") == 1 and "data:image/png" in text.split('id="curves"')[0]
     )  # the picture of the budget
+
+
+@pytest.mark.parametrize("free", [["s11", "d31", "eps33T"], ["s11", "s12", "d31", "eps33T"]])
+def test_the_report_tells_which_poles_and_zeros_were_fitted(tmp_path, monkeypatch, free):
+    """Those of the fundamental as in the main part of the paper, or all of them as in its appendix."""
+    text = SPEC.read_text(encoding="utf-8").replace("simplified = true", "").replace('"s11", "d31", "eps33T"', "FREE")
+    text = text.replace("[FREE]", str(free)).replace('"sweep.csv"', f'"{SPEC.parent}/sweep.csv"')
+    (tmp_path / "plate.toml").write_text(text + '[update]\nmethod = "pole_zero"\n', encoding="utf-8")
+    monkeypatch.setattr(report_update, "mode_section", lambda _: Section("modes", "", ""))
+    result = update(tmp_path / "plate.toml")
+    assert list(result.parameters) == free
+    sections = {one.name: one.body for one in report_update.update_sections(result)}
+    of_fundamental = len(free) == 3
+    assert ("the first pole and zero of the finite element model were fitted" in sections["summary"]) == of_fundamental
+    assert ("appendix A" in sections["summary"]) != of_fundamental
+    assert ("determine two complex constants exactly" in sections["identifiability"]) == of_fundamental
 
 
 def test_names_cannot_become_markup():
