@@ -402,6 +402,8 @@ def batch(
             folder, out, specimen, workers, scheduler, time_limit, correct_phase, mask_faults, diagnosed, keep
         )
         click.echo(text, nl=False, err=code == 130)
+        if code == 3:
+            click.echo(f"femu-piezo: no specimen has a result; the reasons are in {out / 'table.csv'}", err=True)
     if code:
         click.get_current_context().exit(code)
 

@@ -136,7 +136,7 @@ class Site:
         Parameters
         ----------
         words : of the button
-        done : called when the command has succeeded
+        done : called when the command has ended; a lot without any result has a table of the reasons
         arguments : further arguments of the command line, called at the request
         check : raises InputError where the command cannot be run
         """
@@ -171,7 +171,7 @@ class Site:
                 state.classes(replace="grow" + (" error" if job.state == "failed" else ""))
             was = seen.get("was")
             now = None if job is None else (job.number, job.state)
-            if was is not None and was != now and job is not None and job.state == "done":
+            if was is not None and was != now and job is not None and job.state in ("done", "failed"):
                 done()
             seen["was"] = now or "none"
 

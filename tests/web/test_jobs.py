@@ -116,6 +116,15 @@ def test_a_script_in_the_folder_is_no_module_and_a_name_no_option(folder: Path, 
     assert (job.state, job.message) == ("done", "")
 
 
+def test_a_lot_without_any_result_is_told(folder: Path, start) -> None:
+    (folder / "lot").mkdir()
+    (folder / "lot/a.toml").write_text('name = "a"\n')
+    job = start().ask("batch", "lot", "results/lot/batch")
+    wait(lambda: not job.active)
+    assert job.state == "failed" and (folder / "results/lot/batch/table.csv").exists()
+    assert job.message == "no specimen has a result; the reasons are in results/lot/batch/table.csv"
+
+
 def test_jobs_of_another_version_are_forgotten(folder: Path, start) -> None:
     (folder / ".femu-piezo/jobs.json").write_text('[{"number": 1, "colour": "red"}]')
     assert start().all() == []

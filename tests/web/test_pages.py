@@ -7,6 +7,7 @@ import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 from urllib.parse import urlencode
 from urllib.request import urlopen
 
@@ -19,7 +20,9 @@ from femu_piezo.measurement.compensation import Compensation
 from femu_piezo.measurement.readers import read_spectrum, write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimens, write_study
+from femu_piezo.web import site
 from femu_piezo.web.drafts import Draft
+from femu_piezo.web.jobs import Job
 from femu_piezo.web.pages import diagnosis, update
 from femu_piezo.web.pages.specimen import _Form
 from femu_piezo.web.pages.update import _Update
@@ -74,11 +77,11 @@ def test_text_with_values_of_another_kind_is_told(tmp_path: Path, before: str, a
 def test_an_update_shows_the_free_constants_of_a_text_with_values_of_another_kind(tmp_path: Path) -> None:
     (tmp_path / "plate.toml").write_text(TEXT)
     workspace = Workspace.of(tmp_path)
-    site = SimpleNamespace(workspace=workspace, draft=lambda name: Draft(workspace, name, "me"))
-    site.draft("plate.toml").put("material", "free", 5)
-    page = _Update(site, "plate.toml")
+    its_site = SimpleNamespace(workspace=workspace, draft=lambda name: Draft(workspace, name, "me"))
+    its_site.draft("plate.toml").put("material", "free", 5)
+    page = _Update(its_site, "plate.toml")
     assert page._draft_free(workspace.specimen("plate.toml")[0]) == ["s11"]
-    site.draft("plate.toml").put("material", "free", ["d31"])
+    its_site.draft("plate.toml").put("material", "free", ["d31"])
     assert page._draft_free(workspace.specimen("plate.toml")[0]) == ["d31"]
 
 
@@ -116,6 +119,21 @@ def test_standard_figures_of_every_specimen_are_shown(serve, tmp_path: Path) -> 
     """Each with the name of its specimen."""
     page = page_of_update(serve, tmp_path, record("first", "second"))
     assert "first: bar" in page and "second: bar" in page
+
+
+@pytest.mark.parametrize("end", ["done", "failed"])
+def test_what_a_command_left_is_shown_at_its_end(monkeypatch, end: str) -> None:
+    """Once, where it failed too: the table of a lot without any result holds the reasons."""
+    job, shown, screen = Job(1, "batch", "lot", "out"), [], MagicMock()
+    monkeypatch.setattr(site, "ui", screen)
+    jobs = SimpleNamespace(latest=lambda *_: job, all=lambda: [job], seconds_left=lambda _: 1.0)
+    site.Site(SimpleNamespace(), jobs).job_card(
+        "batch", "lot", "Update every specimen", lambda: shown.append(job.state)
+    )
+    look = screen.timer.call_args[0][1]
+    for job.state in ("waiting", "running", "running", end, end):
+        look()
+    assert shown == [end]
 
 
 def test_a_diagnosis_shows_the_curves_and_the_report_of_every_sweep(serve, tmp_path: Path) -> None:
