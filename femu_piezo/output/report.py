@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 
 from femu_piezo.files import with_schema, write_atomically
 from femu_piezo.output.chart import embedded
+from femu_piezo.specimen.file import Specimen
 
 #: Packages on whose versions the numbers depend.
 _DISTRIBUTIONS = ("femu-piezo", "numpy", "scipy", "scikit-fem", "gmsh", "pyvista", "matplotlib")
@@ -115,6 +116,11 @@ def picture(figure: Figure, words: str, dots_per_inch: int = 110) -> str:
         f'<figure><img alt="{html.escape(words)}" src="data:image/png;base64,{data}">'
         f"<figcaption>{html.escape(words)}</figcaption></figure>"
     )
+
+
+def inputs_of(specimen: Specimen) -> tuple[Path, ...]:
+    """The files that the result of one sweep of a specimen depends on; the sweep is that of its [measurement]."""
+    return specimen.model_copy(update={"sweep": None}).files
 
 
 def provenance_section(inputs: Sequence[Path], facts: Sequence[tuple[str, str]]) -> Section:

@@ -11,7 +11,16 @@ from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis import diagnosis_record
 from femu_piezo.output.diagnosis_tables import difference, fitted_sizes, ranked
 from femu_piezo.output.diagnosis_words import Answer, answer, shifts
-from femu_piezo.output.report import Cell, Section, notes, paragraph, provenance_section, table, write_report
+from femu_piezo.output.report import (
+    Cell,
+    Section,
+    inputs_of,
+    notes,
+    paragraph,
+    provenance_section,
+    table,
+    write_report,
+)
 from femu_piezo.output.report_diagnosis_charts import curve_charts, models, residual_charts
 from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import fundamental_picture
@@ -241,7 +250,6 @@ def _mode(result: Diagnosis) -> str:
 
 def _provenance(result: Diagnosis, command: str) -> Section:
     specimen = result.specimen
-    inputs = [path for path in (specimen.path, specimen.measurement.file) if path is not None]
     noise = float(np.median(result.relative_noise))
     origin = "given" if result.comparison.base.data.noise_known else "estimated from the sweep"
     facts = [
@@ -251,4 +259,4 @@ def _provenance(result: Diagnosis, command: str) -> Section:
         ("fits", f"{len(result.comparison.singles)} candidates, {len(result.comparison.causes)} accepted"),
         ("times", ", ".join(f"{step} {seconds:.3g} s" for step, seconds in result.seconds.items())),
     ]
-    return provenance_section(inputs, facts)
+    return provenance_section(inputs_of(specimen), facts)

@@ -15,6 +15,7 @@ from femu_piezo.output.records import update_record
 from femu_piezo.output.report import (
     Cell,
     Section,
+    inputs_of,
     notes,
     paragraph,
     picture,
@@ -305,7 +306,7 @@ def update_provenance(result: UpdateResult, command: str) -> Section:
     for outcome in result.outcomes:
         problem = outcome.measured.problem
         specimen = problem.specimen
-        inputs += [path for path in (specimen.path, specimen.measurement.file) if path is not None]
+        inputs += inputs_of(specimen)
         given = {key: value for key, value in specimen.geometry if value is not None and key != "density"}
         words = ", ".join(f"{key} {_stated(key, value)}" for key, value in given.items())
         facts.append((f"body of {specimen.name}", f"{words}; density {problem.density:.6g} kg/m³"))

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -17,6 +18,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.output import report_modes, report_update
 from femu_piezo.output.report import Section, report_html
 from femu_piezo.output.report_update import _stated
+from femu_piezo.specimen.file import read_specimen
 from tests.commands import succeeded
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -133,6 +135,21 @@ def test_checksums_of_the_inputs(folder):
     text = (folder / "report.html").read_text(encoding="utf-8")
     for path in (SPEC, SPEC.parent / "sweep.csv"):
         assert hashlib.sha256(path.read_bytes()).hexdigest() in text
+
+
+def test_every_file_that_was_read_has_its_checksum(tmp_path):
+    """The raw sweeps of the fixture too."""
+    names = ("sweep.csv", "open.csv", "short.csv", "load.csv")
+    for name in names:
+        (tmp_path / name).write_text(name)
+    fixture = 'open = "open.csv"\nshort = "short.csv"\n[measurement.load]\nfile = "load.csv"\nresistance = 100.0\n'
+    (tmp_path / "plate.toml").write_text(SPEC.read_text(encoding="utf-8") + fixture, encoding="utf-8")
+    specimen = read_specimen(tmp_path / "plate.toml")
+    problem = SimpleNamespace(specimen=specimen, density=7900.0)
+    outcome = SimpleNamespace(measured=SimpleNamespace(problem=problem), mesh="")
+    body = report_update.update_provenance(SimpleNamespace(outcomes=[outcome], seconds={}), "update").body
+    for name in ("plate.toml", *names):
+        assert hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() in body
 
 
 def test_curves_hold_the_sweep(page):
