@@ -57,6 +57,8 @@ _DATA_SHEET = {
 _SHORT = ("fs", "fp", "k_eff", "Qm_3dB", "Qm_pole", "C_T", "tan_delta")
 #: Width of text that is not written to a terminal, characters.
 _WIDTH = 110
+#: Names of specimens, sweeps and lots stand in tables as they are: [a] is no style, and :100: no picture.
+_PLAIN = {"markup": False, "emoji": False}
 _HTML = '<pre style="font-family: monospace; line-height: 1.2; white-space: pre">{code}</pre>'
 
 
@@ -194,19 +196,19 @@ def std_percent(std: float) -> str:
 
 def console() -> Console:
     """Terminal output; plain and 110 wide where standard output is no terminal."""
-    return Console() if sys.stdout.isatty() else Console(width=_WIDTH, no_color=True, highlight=False)
+    return Console(**_PLAIN) if sys.stdout.isatty() else Console(width=_WIDTH, no_color=True, highlight=False, **_PLAIN)
 
 
 def as_text(table: RenderableType) -> str:
     """A table as plain text, as the terminal shows it."""
     buffer = io.StringIO()
-    Console(file=buffer, width=_WIDTH, no_color=True, highlight=False).print(table)
+    Console(file=buffer, width=_WIDTH, no_color=True, highlight=False, **_PLAIN).print(table)
     return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines())
 
 
 def as_html(table: RenderableType) -> str:
     """A table as a piece of HTML, as the terminal shows it."""
-    recorder = Console(file=io.StringIO(), width=_WIDTH, record=True, highlight=False)
+    recorder = Console(file=io.StringIO(), width=_WIDTH, record=True, highlight=False, **_PLAIN)
     recorder.print(table)
     return recorder.export_html(inline_styles=True, code_format=_HTML)
 
