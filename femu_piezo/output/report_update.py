@@ -123,8 +123,8 @@ def _summary(result: UpdateResult) -> str:
             paragraph(
                 f"{measured.problem.specimen.name}: {len(measured.spectrum)} points from {_frequency(frequency[0])} to "
                 f"{_frequency(frequency[-1])}; {fundamental}. The root mean square difference between simulated and "
-                f"measured log Z falls from {100 * outcome.rms_before:.3g} % with the baseline to "
-                f"{100 * outcome.rms_after:.3g} %."
+                f"measured log Z is {100 * outcome.rms_before:.3g} % with the baseline and "
+                f"{100 * outcome.rms_after:.3g} % with the updated constants."
             )
         )
     parts.append(paragraph(_method(result)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.output.data_sheet import data_sheet
 from femu_piezo.output.report_diagnosis_charts import _views
+from femu_piezo.output.report_update import _summary
 from femu_piezo.output.results.updated import Updated
 from tests import k31_bar
 from tests.batch.lots import D31, EPS33T, S11, SPECIMEN
@@ -47,6 +49,16 @@ def test_the_report_states_the_fundamental_of_the_sweep_that_holds_it(page):
     assert [line.partition(":")[0] for line in words] == ["bar, low", "bar, high"]
     assert "series resonance (pole) at 3" in words[0]
     assert "series resonance" not in words[1] and "the fundamental is not in this sweep" in words[1]
+
+
+def test_the_report_claims_no_smaller_misfit_where_it_is_larger(result):
+    """Of a baseline that is nearer to the points than their noise."""
+    first, *others = result.outcomes
+    near = replace(first, base_curve=first.measured.spectrum.impedance * np.exp(2e-4))
+    words = _summary(replace(result, outcomes=(near, *others)))
+    found = re.findall(r"The root mean square difference[^<]*", words)
+    assert f"is 0.02 % with the baseline and {100 * first.rms_after:.3g} % with" in found[0]
+    assert "fall" not in words
 
 
 def test_ranges_of_charts_lie_in_the_sweep(page):
