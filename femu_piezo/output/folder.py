@@ -22,10 +22,8 @@ def prepare_folder(folder: Path | str) -> Path:
     """Create the result folder, so that a wrong place is known before the work; InputError where it cannot be."""
     out = path_of(folder)
     try:
-        if not out.exists():
-            out.mkdir(parents=True)
-            _made.append(out)
-        out.mkdir(exist_ok=True)
+        _made.extend(one for one in (*reversed(out.parents), out) if not one.exists())
+        out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{out}: cannot be used as result folder ({error.strerror}); choose another folder") from None
     if not os.access(out, os.W_OK):
