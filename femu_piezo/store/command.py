@@ -151,7 +151,6 @@ def _charts_table(charts: Sequence[Control]) -> Table:
     for control in charts:
         factor, unit = PRINTED.get(control.quantity, (1.0, ""))
         single, means, drift = control.individuals, control.means, control.drift
-        to_percent = _PERCENT / abs(means.centre) if means.centre else np.nan
         limits = "-" if single is None else " … ".join(f"{factor * limit:.4g}" for limit in single.limits)
         table.add_row(
             control.quantity,
@@ -159,11 +158,16 @@ def _charts_table(charts: Sequence[Control]) -> Table:
             f"{factor * means.centre:.5g}",
             limits,
             f"needs {FEWEST}" if single is None else f"{len(single.beyond)} of {control.values.size}",
-            "-" if means.within is None else f"{to_percent * means.within:.2g} %",
-            "-" if drift is None or not drift.of_lots else f"{to_percent * drift.between:.2g} %",
-            "-" if drift is None else _drift_words(to_percent, drift),
+            _in_percent(means.within, means.centre),
+            _in_percent(drift.between if drift is not None and drift.of_lots else None, means.centre),
+            "-" if drift is None or not means.centre else _drift_words(_PERCENT / abs(means.centre), drift),
         )
     return table
+
+
+def _in_percent(size: float | None, centre: float) -> str:
+    """A deviation in % of the mean, "-" where either is missing or the mean is zero."""
+    return "-" if size is None or not centre else f"{_PERCENT * size / abs(centre):.2g} %"
 
 
 def _drift_words(size: float, drift) -> str:

@@ -222,6 +222,21 @@ def test_some_lots_and_quantities_only(months, tmp_path):
     assert "no piece has a quantity of this name" in run("lots", "--store", months, "--quantity", "s13", code=2)
 
 
+@pytest.mark.parametrize("steps", [(0.0, 0.0, 0.0), (-1.0, 0.0, 1.0)])
+def test_a_quantity_with_the_mean_zero_has_no_per_cent(tmp_path, steps):
+    """Where all values are zero, and where they cancel."""
+    database = Database("sqlite", tmp_path)
+    for month, step in enumerate(steps):
+        time = datetime(2026, 1 + month, 5)
+        write(database, [entry(10 * month + number, time, s11_tan=step) for number in range(3)], f"lot {month}")
+    database.close()
+    found = invoked("lots", "--store", tmp_path, "--quantity", "s11_tan", "--out", tmp_path / "out")
+    assert found.exit_code == 0, found.output
+    row = next(line for line in found.output.splitlines() if line.startswith("│ s11_tan"))
+    assert [cell.strip() for cell in row.split("│")[6:9]] == ["-", "-", "-"]
+    assert (tmp_path / "out" / "lots.png").exists() and "nan" not in found.output
+
+
 def test_an_empty_store_is_reported(tmp_path):
     database = Database(str(tmp_path / "line.sqlite"), Path())
     write(database, [])
