@@ -60,12 +60,15 @@ class Guard:
 
     def _refusal(self, scope, headers: dict[bytes, str]) -> tuple[int, str] | None:
         host = headers.get(b"host", "")
-        name = urlsplit(f"//{host}").hostname or ""
+        origin = headers.get(b"origin")
+        try:
+            name, source = urlsplit(f"//{host}").hostname or "", urlsplit(origin or "").netloc
+        except ValueError:  # brackets that hold no address
+            return 400, "the host or the origin of this request is no address"
         # a foreign name that resolves to this machine would give a foreign page our origin (DNS rebinding)
         if self._token is None and not is_loopback(name):
             return 403, "this page can be opened on this machine only"
-        origin = headers.get(b"origin")
-        if origin is not None and urlsplit(origin).netloc != host:
+        if origin is not None and source != host:
             return 403, "requests from other pages are refused"
         if self._token is not None and not self._has_token(scope, headers):
             return 403, "open the address with its token, as the terminal shows it"

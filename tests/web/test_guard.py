@@ -58,6 +58,7 @@ def test_this_machine_alone_is_answered(serve, tmp_path: Path) -> None:
     assert headers["x-content-type-options"] == "nosniff"
     assert ask(port, "/sweep", host="evil.example")[0] == 403  # a foreign host name that resolves to this machine
     assert ask(port, "/sweep", host=f"localhost:{port}")[0] == 200
+    assert ask(port, "/sweep", host="[")[0] == ask(port, "/sweep", {"Origin": "http://["})[0] == 400  # no addresses
     assert ask(port, "/sweep", {"Origin": "http://evil.example"})[0] == 403
     assert ask(port, "/sweep", {"Origin": "null"})[0] == 403
     assert websocket(port, "http://evil.example") == 403
