@@ -66,7 +66,8 @@ def noise_study_figure(title: str, settings: Sequence[Setting]) -> Figure:
     axes[0, 0].set_ylabel("relative standard deviation of constants")
     axes[1, 0].set_ylabel("standard deviation of tangents")
     axes[2, 0].set_ylabel("bias: mean error over its std\n(filled constants, open tangents)")
-    axes[3, 0].set(ylabel="share within 1 (●) and 2 (■) stated σ", ylim=(0.4, 1.02))
+    lowest = min(float(one.inside(1).min()) for one in settings)
+    axes[3, 0].set(ylabel="share within 1 (●) and 2 (■) stated σ", ylim=(min(0.4, lowest - 0.03), 1.02))
     axes[0, 1].legend(frameon=False, fontsize=8)
     axes[1, 1].legend(frameon=False, fontsize=8)
     picture.suptitle(

@@ -160,3 +160,19 @@ def test_the_picture_of_a_study_shows_its_bias():
     drawn = np.array([line.get_ydata() for line in panel.lines if line.get_marker() == "o"])
     np.testing.assert_allclose(drawn.T, [one.bias for one in settings])
     assert np.all(np.abs(drawn[:, :2]) < 4) and np.all(drawn[:, 2] > 7)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.7])
+def test_the_picture_of_a_study_shows_every_share(share):
+    """Also of intervals that hold the truth far too seldom."""
+    truth = np.array([16e-12, 0.01])
+    error = np.where(np.arange(100)[:, None] < 100 * share, 0.5, 3.0) * 1e-3 * truth
+    settings = [
+        Setting(1e-3, points, ("s11", "tan_s11"), truth, error, np.tile(1e-3 * truth, (100, 1)), 0)
+        for points in (100, 400, 1600)
+    ]
+    panel = next(one for one in noise_study_figure("plate", settings).axes if "share" in one.get_ylabel())
+    shown = np.concatenate([line.get_ydata() for line in panel.lines if line.get_marker() in ("o", "s")])
+    low, high = panel.get_ylim()
+    assert shown == pytest.approx(share) and low < shown.min() - 0.02 and shown.max() < high
+    assert low <= 0.4
