@@ -204,7 +204,8 @@ def diagnosis_figure(result: Diagnosis) -> Figure:
     x = spectrum.frequency * factor
     magnitude.semilogy(x, np.abs(spectrum.impedance), label="measured", **MEASURED)
     magnitude.semilogy(x, np.abs(result.curves[0]), label="base model, updated", **BASELINE)
-    named = " and ".join(one.effect.title.replace("_", " ") for one in result.verdict.extension)
+    # the name of the specimen that has the effect stands in its title
+    named = as_it_stands(" and ".join(one.effect.title.replace("_", " ") for one in result.verdict.extension))
     if named:
         magnitude.semilogy(x, np.abs(result.curves[1]), label="extended model", **UPDATED)
     panels = (

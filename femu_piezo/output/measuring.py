@@ -61,7 +61,7 @@ def _draw_odds(axes: Axes, states: Sequence[State]) -> None:
     for pair in dict.fromkeys(pairs):
         of_pair = [one for one, other in zip(states, pairs, strict=True) if other == pair]
         points, values = [len(one.spectrum) for one in of_pair], [one.rivals.log_odds for one in of_pair]
-        axes.plot(points, values, marker="o", markersize=3, label=f"{pair[0]} over\n{pair[1]}")
+        axes.plot(points, values, marker="o", markersize=3, label=as_it_stands(f"{pair[0]} over\n{pair[1]}"))
     axes.axhline(states[-1].rivals.enough, color="black", linewidth=0.8, linestyle="--", label="enough")
     axes.set(xlabel="points", ylabel="log odds")
     axes.grid(True, **GRID)

@@ -5,12 +5,17 @@ from __future__ import annotations
 import io
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from femu_piezo.batch.lot import lot_of
 from femu_piezo.batch.lot_figure import lot_figure
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.output.diagnosis import diagnosis_figure
+from femu_piezo.output.measuring import measuring_figure
 from femu_piezo.output.picture import Picture
 from tests.batch.test_lot import CENTRE, clean, rows
 from tests.commands import succeeded
@@ -55,3 +60,21 @@ def test_a_long_name_of_an_outlier_stays_within_its_chart():
     figure.draw_without_rendering()
     (label,) = figure.axes[0].texts
     assert label.get_window_extent().x1 < figure.axes[0].bbox.x1
+
+
+def test_causes_stand_in_pictures_as_they_are():
+    """With the name of the specimen that has one, whose dollar signs make no formula."""
+    title, frequency = r"wrong_length (plate $\frac{$ 2)", np.linspace(1e3, 2e3, 20)
+    spectrum = ImpedanceSpectrum(frequency, 1 - 5j + 0 * frequency)
+    diagnosed = SimpleNamespace(
+        spectrum=spectrum,
+        relative_noise=np.full(20, 1e-3),
+        curves=(spectrum.impedance, spectrum.impedance),
+        fitted=np.ones(20, bool),
+        verdict=SimpleNamespace(extension=[SimpleNamespace(effect=SimpleNamespace(title=title))], word="effect"),
+        specimen=SimpleNamespace(name="plate"),
+    )
+    rivals = SimpleNamespace(first=title, second="leakage", log_odds=1.0, enough=3.0)
+    state = SimpleNamespace(spectrum=spectrum, rivals=rivals, curve=None, departures=(), deviations={})
+    for figure in (diagnosis_figure(diagnosed), measuring_figure("plate", [state])):
+        figure.savefig(io.BytesIO(), format="png")
