@@ -70,12 +70,17 @@ def _residual_words(outcome: Outcome, residual: np.ndarray) -> str:
         origin = "σ is the noise that the extraction found, without any model of the body"
     else:
         origin = "the noise is unknown; σ is taken as 0.1 % of |Z|"
-    rms = np.sqrt(np.mean(np.abs(residual) ** 2) / 2)
+    rms, memory = np.sqrt(np.mean(np.abs(residual) ** 2) / 2), outcome.noise_memory
+    if memory:
+        origin += (
+            f", whose correlation between neighbouring points ({memory.correlations[0]:.2f}) the fit takes into account"
+        )
+        residual = memory.whitened(residual)
     neighbours = float(np.sum((residual[1:] * residual[:-1].conj()).real) / np.sum(np.abs(residual) ** 2))
     if neighbours > max(0.2, 4 / np.sqrt(2 * residual.size)):
         verdict = (
-            f"and neighbouring points are correlated ({neighbours:.2f}): this is not noise but an error of the model "
-            "or of the instrument that is smooth in frequency"
+            f"and neighbouring points are correlated {'beyond that ' * bool(memory)}({neighbours:.2f}): this is not "
+            "noise but an error of the model or of the instrument that is smooth in frequency"
         )
     elif rms > 1.3:
         verdict = "more than noise alone, without correlation of neighbouring points"

@@ -16,6 +16,7 @@ from femu_piezo.inference.sensitivity import Sensitivity
 from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.measurement.autoregression import WHITE, Autoregression
 from femu_piezo.resonances import Resonance
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.measured import Measured
@@ -59,6 +60,7 @@ class Outcome:
     to_sensitivity : computes `sensitivity`, which only pictures and reports ask for
     unknowns : number of those of the full model;  mesh : description of its mesh and of the reduced model
     constants : the ten constants under the conditions of this sweep
+    noise_memory : autoregression of the errors of neighbouring points
     """
 
     measured: Measured
@@ -70,6 +72,7 @@ class Outcome:
     unknowns: int
     mesh: str
     constants: PiezoConstants
+    noise_memory: Autoregression = WHITE
 
     @made_once
     def sensitivity(self) -> Sensitivity:

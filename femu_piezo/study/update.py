@@ -255,6 +255,7 @@ def _outcome(
         unknowns=model.size,
         mesh=mesh_words(model, posterior.models[index]),
         constants=constants_under(unknowns, x),
+        noise_memory=posterior.several[index].noise_memory,
     )
 
 

@@ -11,12 +11,15 @@ from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from femu_piezo.api import update
 from femu_piezo.errors import InputError
+from femu_piezo.measurement.autoregression import WHITE, Autoregression
 from femu_piezo.output import report_modes, report_update
 from femu_piezo.output.report import Section, report_html
+from femu_piezo.output.report_curves import _residual_words
 from femu_piezo.output.report_update import _stated
 from femu_piezo.specimen.file import read_specimen
 from tests.commands import succeeded
@@ -236,3 +239,15 @@ def test_runs_in_a_browser(folder, tmp_path):
 )
 def test_values_of_the_body_have_their_units(key, value, words):
     assert _stated(key, value) == words
+
+
+@pytest.mark.parametrize(
+    ("memory", "told"), [(WHITE, "this is not noise but an error"), (Autoregression((0.7,)), "compatible with noise")]
+)
+def test_noise_whose_correlation_is_known_is_no_error_of_the_model(memory: Autoregression, told: str) -> None:
+    """A residual of correlation 0.7 between neighbours and size 1, of 2000 points."""
+    white, noise = np.random.default_rng(3).standard_normal((2000, 2)) @ [1, 1j], np.zeros(2000, dtype=complex)
+    for point in range(2000):
+        noise[point] = 0.7 * noise[point - 1] + np.sqrt(1 - 0.7**2) * white[point]
+    outcome = SimpleNamespace(measured=SimpleNamespace(noise_known=True), noise_memory=memory)
+    assert told in _residual_words(outcome, noise)
