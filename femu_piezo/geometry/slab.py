@@ -452,5 +452,7 @@ def _from_gmsh(build: Callable[[object], None], edge: float, kind: str, more: di
     }
     raw = mesh_drawing(build, options | more, "the slab")
     if {cell.type for cell in raw.cells} & {"wedge18", "hexahedron27", "tetra10"} != {kind}:
-        raise InputError("gmsh left elements of another kind than hexahedra in the slab; use tetrahedra")
+        raise InputError(
+            'gmsh left elements of another kind than hexahedra in the slab; set elements = "tetrahedron" in [geometry]'
+        )
     return skfem.io.meshio.from_meshio(raw, force_meshio_type=kind, ignore_orientation=True)

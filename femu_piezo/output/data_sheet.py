@@ -141,7 +141,7 @@ def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]
         sentence = f"{remaining[0][0].upper()}{remaining[0][1:]}.".replace(" %", "\N{NO-BREAK SPACE}%")
         wrapped = textwrap.wrap(sentence, _WIDTH)
         if len(lines) + len(wrapped) > _LINES - (len(remaining) > 1):
-            lines.append(f"{len(remaining)} more notes are in update.json.")
+            lines.append(f"Further notes in update.json: {len(remaining)}.")
             break
         lines += wrapped
         remaining.pop(0)

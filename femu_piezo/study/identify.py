@@ -81,13 +81,13 @@ class IdentifyResult:
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """Sentences on what no sweep computed here can determine."""
+        """Sentences on what none of the sweeps and recommendations can determine."""
         shear = [name for name in ("s44", "d15", "eps11T") if self.known.verdict_or_absent(name) == "not"]
         if not shear or any(set(item.gained) & set(shear) for item in self.recommendations):
             return ()
         return (
             f"{', '.join(shear)} have an effect only where the field is perpendicular to the poling: measure a shear "
-            "plate, poled along its length and electroded on its large faces (k15), which is not computed here",
+            "plate, poled along its length and electroded on its large faces (k15: poling = [1, 0, 0] in its file)",
         )
 
     def to_json(self) -> dict:

@@ -45,7 +45,7 @@ def test_a_butterworth_van_dyke_branch_has_its_own_elements():
     """s/L over s² + (R/L) s + 1/(LC) has the residue p/(L (p − p*)): L, R and C are recovered, and Rp is very large."""
     pole = -R1 / (2 * L1) + 1j * np.sqrt(1 / (L1 * C1) - (R1 / (2 * L1)) ** 2)
     found = Branch(pole, pole / (L1 * (pole - pole.conjugate())), {}).elements
-    assert [found[key] for key in "LRC"] == pytest.approx([L1, R1, C1], rel=1e-9)
+    assert [found[key] for key in "LRC"] == pytest.approx([L1, R1, C1], rel=1e-9, abs=0)
     assert abs(found["Rp"]) > 1e6 * np.sqrt(L1 / C1)
 
 
@@ -58,7 +58,7 @@ def test_deviations_of_elements_against_draws():
     draws = spread @ rng.normal(size=(4, 20000))
     elements = [Branch(pole + complex(a, b), residue + complex(c, d), {}).elements for a, b, c, d in draws.T]
     for key in ("L", "R", "C"):
-        assert stated[key] == pytest.approx(np.std([one[key] for one in elements]), rel=0.03), key
+        assert stated[key] == pytest.approx(np.std([one[key] for one in elements]), rel=0.03, abs=0), key
 
 
 def test_a_circuit_is_recovered_from_its_sweep():
@@ -66,10 +66,10 @@ def test_a_circuit_is_recovered_from_its_sweep():
     circuit = fp.circuit(ImpedanceSpectrum.from_impedance(FREQUENCY, 1 / bvd(FREQUENCY)))
     assert len(circuit.branches) == 2
     for branch, truth in zip(circuit.branches, ((0.04, 45.0, 1.2e-10), (L1, R1, C1)), strict=True):
-        assert [branch.elements[key] for key in "LRC"] == pytest.approx(truth, rel=1e-6)
+        assert [branch.elements[key] for key in "LRC"] == pytest.approx(truth, rel=1e-6, abs=0)
         assert abs(branch.elements["Rp"]) > 1e4 * np.sqrt(truth[0] / truth[2])
     assert circuit.misfit[1] < 1e-6
-    assert circuit.static_capacitance == pytest.approx(C0, rel=1e-3)
+    assert circuit.static_capacitance == pytest.approx(C0, rel=1e-3, abs=0)
 
 
 def test_clipped_readings_do_not_count():
