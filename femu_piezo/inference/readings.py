@@ -31,6 +31,8 @@ from femu_piezo.units import signed
 _KILOHERTZ, _FIXTURE = 2 * np.pi * np.array([1e3]), 1.0
 _D33 = D_FORM.index("d33")
 _C33, _E33, _EPS33S = (E_FORM.index(name) for name in ("c33", "e33", "eps33S"))
+#: Standard deviations between a reading and its fitted value from which a note tells that they contradict each other.
+_CONTRADICTS = 6.0
 #: Units of the readings, as they are printed.
 UNITS = {"mass": "kg", "capacitance": "F", "d33": "C/N", "sound_velocity": "m/s"}
 
@@ -161,6 +163,17 @@ def read_beside(fit: Fit) -> dict[str, dict[str, float | str]]:
             "sigma": sigma,
         }
     return found
+
+
+def contradictions(fit: Fit) -> list[str]:
+    """A note for each reading that no fit of the sweep comes near."""
+    return [
+        f"the reading of {name} is {abs(float(one['sigma'])):.0f} standard deviations off what the sweep says, "
+        f"{one['fitted']:.4g} {one['unit']}: check its value and unit, or leave it out; until then no constant and no "
+        "standard deviation can be relied on"
+        for name, one in read_beside(fit).items()
+        if abs(float(one["sigma"])) > _CONTRADICTS
+    ]
 
 
 def reading_words(fit: Fit | None) -> Sequence[str]:

@@ -19,6 +19,7 @@ from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.inference.budget import constants_of
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.held_out import misfit_of_unseen
+from femu_piezo.inference.readings import contradictions
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -277,6 +278,7 @@ def diagnose(
             *dict.fromkeys(note for one in several for note in electrode_notes(one.measured.piece)),
             *_accuracy_notes(several),
             *(note for one in several for note in one.noise_notes),
+            *contradictions(comparison.final),
             *unplanned,
         ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},

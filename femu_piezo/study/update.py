@@ -23,6 +23,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.inference.budget import constants_of, estimates_of
 from femu_piezo.inference.fit import Fit, with_discrepancy
 from femu_piezo.inference.identifiability import Identifiability, identifiability
+from femu_piezo.inference.readings import contradictions
 from femu_piezo.inference.sampling import sample_posterior
 from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.starts.pole_zero import Step
@@ -339,6 +340,7 @@ def _notes(
 
 def _fit_notes(found: Fit) -> list[str]:
     notes = []
+    notes += contradictions(found)
     if found.on_bound:
         notes.append(f"{', '.join(found.on_bound)} reached a limit of the range that the fit allows")
     sizes = zip(found.parameters.effects, found.parameters.values(found.x), found.std_of_effects, strict=True)

@@ -320,6 +320,16 @@ def test_rise_of_the_capacitance_towards_the_resonance(poling):
     np.testing.assert_allclose(apparent / (1 + rise), 1, atol=1e-5)
 
 
+@pytest.mark.parametrize("factor", [1.0, 0.5])
+def test_a_reading_that_contradicts_the_sweep_is_told(sweeps, write_specimen_of, factor):
+    """The capacitance of the first point of the sweep, and half of it."""
+    low = factor / (2 * np.pi * sweeps["k31"].frequency[0]) * (1 / sweeps["k31"].impedance[0]).imag
+    more = f"[readings]\ncapacitance = {low}"
+    result = update(read_specimen(write_specimen_of("k31", sweeps["k31"], TRIO, more=more)))
+    told = [note for note in result.notes if "reading of capacitance is" in note]
+    assert len(told) == (factor != 1)
+
+
 def test_a_bad_low_reading_is_left_out_or_noted(sweeps, write_specimen_of, truth):
     """One of six low readings is 20 % off and left out; a single low reading 20 % off spoils the curve, which a note
     says.
