@@ -188,6 +188,11 @@ class PiezoConstants(_Constants):
         """s^E, (6, 6) complex, 1/Pa."""
         return _elastic_matrix(self.s11, self.s12, self.s13, self.s33, self.s44, self.s66)
 
+    @made_once
+    def _stiffness(self) -> np.ndarray:
+        """c^E = (s^E)^-1, (6, 6) complex, Pa."""
+        return np.linalg.inv(self.compliance())
+
     def piezoelectric(self) -> np.ndarray:
         """d, (3, 6) complex, C/N."""
         return _piezoelectric_matrix(self.d31, self.d33, self.d15)
@@ -198,7 +203,7 @@ class PiezoConstants(_Constants):
 
     def to_e_form(self) -> ElasticForm:
         """c^E = (s^E)^-1, e = d c^E, ε^S = ε^T − e dᵗ (eqs 1-7), exact for complex values."""
-        c = np.linalg.inv(self.compliance())
+        c = self._stiffness
         e = self.piezoelectric() @ c
         eps = self.permittivity() - e @ self.piezoelectric().T
         return ElasticForm(c[0, 0], c[0, 1], c[0, 2], c[2, 2], c[3, 3], e[2, 0], e[2, 2], e[0, 4], eps[0, 0], eps[2, 2])
@@ -208,8 +213,7 @@ class PiezoConstants(_Constants):
 
         dc = −c ds c,  de = dd c + d dc,  dε^S = dε^T − de dᵗ − e ddᵗ.
         """
-        c = np.linalg.inv(self.compliance())
-        d = self.piezoelectric()
+        c, d = self._stiffness, self.piezoelectric()
         e = d @ c
         ds, dd, deps = _UNIT_MATRICES
         dc = -c @ ds @ c
@@ -246,10 +250,12 @@ class PiezoConstants(_Constants):
         if faults:
             return faults
         for index, (_, names, _) in enumerate(_BLOCKS):
-            if np.linalg.eigvalsh(self.energy_block(index))[0] < -tolerance:
+            blocks = np.stack([self.energy_block(index), self.loss_block(index)])
+            energy, loss = np.linalg.eigvalsh(blocks)[:, 0]
+            if energy < -tolerance:
                 message = f"{', '.join(names)} together are not positive definite: no stable material has them"
                 faults.append(MaterialFault("unstable", message))
-            if passive and np.linalg.eigvalsh(self.loss_block(index))[0] < -tolerance:
+            if passive and loss < -tolerance:
                 without = [name for name in names if getattr(self, name).imag == 0]
                 message = f"the imaginary parts of {', '.join(names)} would create energy (Holland 1967): " + (
                     f"{', '.join(without)} have no loss tangent, as the others have; give one of each"
