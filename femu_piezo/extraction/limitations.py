@@ -15,7 +15,7 @@ from femu_piezo.units import hertz
 
 CLIPPED_RUN = 4  # so many equal extreme readings side by side are a clipped peak, not chance
 NOISE_ALONE = 2.0  # ratio of the largest resistances of either sign, over |Z|, up to which both are noise
-BANDS = 20  # equal parts of a sweep, of which the one with the largest misfit is named
+BANDS = 20  # most parts of a sweep, of two points at least, of which the one with the largest misfit is named
 
 
 # Every code, the gravest first
@@ -109,7 +109,7 @@ def find_systematic(systematic: Discrepancy, error: np.ndarray, freedom: int, sw
         return []
     missed = float(np.sqrt(2 * np.sum(np.abs(error) ** 2) / freedom))
     scatter = float(np.median(sweep.relative_noise))
-    bands = np.array_split(np.arange(error.size), BANDS)
+    bands = np.array_split(np.arange(error.size), min(BANDS, error.size // 2))
     power = np.array([np.mean(np.abs(error[band]) ** 2) for band in bands])
     low, high = sweep.frequency[bands[int(np.argmax(power))][[0, -1]]]
     return [

@@ -100,6 +100,16 @@ def test_noise_of_the_file_is_used_and_doubted():
     assert ratio == pytest.approx(1, rel=0.2)
 
 
+@pytest.mark.parametrize("points", [14, 19])
+def test_a_systematic_error_of_few_points_is_named(points):
+    """The impedance turns about its true value, twice over the sweep, by 5 %."""
+    frequency = np.linspace(30e3, 50e3, points)
+    error = 0.05 * np.exp(4j * np.pi * np.arange(points) / points)
+    impedance = BAR.impedance(frequency) * np.exp(error)
+    found = extract(ImpedanceSpectrum.from_impedance(frequency, impedance, relative_noise=1e-3))
+    assert "correlated_residual" in [finding.code for finding in found.findings]
+
+
 def test_coupling_and_its_deviation():
     found = extract(sweep(BAR, np.linspace(28e3, 48e3, 401), relative=1e-3, seed=4))
     (pair,) = found.pairs
