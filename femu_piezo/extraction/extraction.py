@@ -34,7 +34,7 @@ from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.result import Extraction, Method
 from femu_piezo.extraction.roots import Roots, interlaced, pair, resonances, unsettled_modes
 from femu_piezo.measurement.discrepancy import Discrepancy
-from femu_piezo.measurement.noise import estimate_noise
+from femu_piezo.measurement.noise import noise_at_points
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.resonances import Resonance, ResonanceSet
@@ -165,7 +165,7 @@ def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData
 
 def _points(sweep: ImpedanceSpectrum) -> SweepData:
     """The sweep with its relative noise, from its file or estimated from neighbouring points."""
-    noise = estimate_noise(sweep).std(sweep.impedance) / np.abs(sweep.impedance)
+    noise = noise_at_points(sweep) / np.abs(sweep.impedance)
     return SweepData(sweep.frequency, sweep.impedance, np.maximum(noise, ROUNDING), sweep.noise is not None)
 
 

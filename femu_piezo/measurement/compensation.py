@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.measurement.noise import estimate_noise
+from femu_piezo.measurement.noise import noise_at_points
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 
@@ -85,7 +85,7 @@ class Compensation:
                 f"{spectrum.source}: the compensated impedance is zero or infinite at "
                 f"{int(np.sum(~np.isfinite(found) | (found == 0)))} points; are open and short exchanged?"
             )
-        raw_noise = _noise(spectrum)
+        raw_noise = noise_at_points(spectrum)
         variance = np.abs(slopes["raw"]) ** 2 * raw_noise**2
         for name, (_, noise) in readings.items():
             variance = variance + np.abs(slopes[name]) ** 2 * noise**2
@@ -142,10 +142,5 @@ def _at(reading: ImpedanceSpectrum, frequency: np.ndarray, as_admittance: bool) 
         frequency, reading.frequency, values.imag
     )
     impedance = 1 / between if as_admittance else between
-    relative = np.interp(frequency, reading.frequency, _noise(reading) / np.abs(reading.impedance))
+    relative = np.interp(frequency, reading.frequency, noise_at_points(reading) / np.abs(reading.impedance))
     return impedance, relative * np.abs(impedance)
-
-
-def _noise(spectrum: ImpedanceSpectrum) -> np.ndarray:
-    """Standard deviation of Z (n,), ohm: that of the file, else estimated from the roughness of the sweep."""
-    return spectrum.noise if spectrum.noise is not None else estimate_noise(spectrum).std(spectrum.impedance)

@@ -42,6 +42,11 @@ class NoiseModel:
         return np.hypot(self.relative * np.abs(impedance), self.additive)
 
 
+def noise_at_points(spectrum: ImpedanceSpectrum) -> np.ndarray:
+    """(n,) standard deviation of Z at every point, ohm: the spectrum's own, else that of its `estimate_noise`."""
+    return spectrum.noise if spectrum.noise is not None else estimate_noise(spectrum).std(spectrum.impedance)
+
+
 def estimate_noise(spectrum: ImpedanceSpectrum) -> NoiseModel:
     """The noise model of a spectrum: of its own `noise` where that is known, else estimated from its roughness.
 
