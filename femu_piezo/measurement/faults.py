@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from femu_piezo.measurement.data_fault import DataFault
 from femu_piezo.measurement.local_fits import left_out, stepped
-from femu_piezo.measurement.noise import estimate_noise
+from femu_piezo.measurement.noise import noise_at_points
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.straight_lines import interpolated
 
@@ -56,7 +56,7 @@ def local_faults(spectrum: ImpedanceSpectrum) -> list[DataFault]:
     straight = None if quantised else interpolated(spectrum)
     if straight:
         return [straight]  # kinks are no spikes
-    sigma = estimate_noise(spectrum).std(spectrum.impedance) / np.abs(spectrum.impedance)
+    sigma = noise_at_points(spectrum) / np.abs(spectrum.impedance)
     sigma = np.sqrt(sigma**2 + quantum**2 + _FINEST**2)
     spikes = _spikes(spectrum.frequency, spectrum.impedance, sigma)
     kept = np.delete(np.arange(len(spectrum)), sorted(spikes))
@@ -255,7 +255,7 @@ def _quantised(spectrum: ImpedanceSpectrum) -> tuple[DataFault | None, np.ndarra
             worst, told = step * relative, (name, float(np.median(step)))
     if told is None:
         return None, zero
-    noise = estimate_noise(spectrum).std(z) / np.abs(z)
+    noise = noise_at_points(spectrum) / np.abs(z)
     equal = _repeats(columns[told[0]][0])
     if np.median(worst) < 2 * np.median(noise) and equal < 0.2:
         return None, worst

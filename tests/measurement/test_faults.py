@@ -98,6 +98,20 @@ def test_spikes_are_found_and_nothing_else(points: int, material: dict) -> None:
 
 
 @pytest.mark.kernels
+@pytest.mark.parametrize("loud", [0.3, 0.7])
+def test_spikes_are_seen_beside_the_noise_that_is_stated_at_their_points(loud: float) -> None:
+    """A share of the sweep is stated to be thirty times as noisy; a spike of 60 deviations of the rest lies there."""
+    frequency = np.linspace(30e3, 50e3, 301)
+    level = np.where(np.arange(301) < loud * 301, 3e-3, 1e-4)
+    for seed in range(4):
+        clean = bar_impedance(frequency, **SOFT)
+        impedance = with_noise(clean, level * np.abs(clean), seed)
+        impedance[270] *= 1 + 60e-4
+        faults = local_faults(ImpedanceSpectrum.from_impedance(frequency, impedance, relative_noise=level))
+        assert [(fault.kind, fault.indices.tolist()) for fault in faults] == [("spike", [270])]
+
+
+@pytest.mark.kernels
 @pytest.mark.parametrize("material", [SOFT, HARD])
 @pytest.mark.parametrize("points", [101, 401])
 def test_jumps_are_found_at_their_place(points: int, material: dict) -> None:
