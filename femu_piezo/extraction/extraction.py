@@ -194,7 +194,8 @@ def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit]:
 def _inflation(result: Fit, findings: list[Finding]) -> float:
     """Factor on standard deviations: 1 where the file's noise explains the residual, else its rms, with a finding.
 
-    The noise does not explain a χ² that is more than 5 σ too large.
+    The noise does not explain a χ² that is more than 5 σ too large. A correlated residual is more than such noise, and
+    deviations that allow for it take the place of those with the factor.
     """
     excess = result.scale**2 - 1
     if excess <= 5 * np.sqrt(2 / result.degrees_of_freedom):
@@ -203,7 +204,7 @@ def _inflation(result: Fit, findings: list[Finding]) -> float:
         Finding(
             "noise_underestimated",
             f"the rms residual is {result.scale:.2f} times the noise given in the file: the standard deviations "
-            "are multiplied by this factor",
+            + ("allow for it" if result.is_correlated else "are multiplied by this factor"),
         )
     )
     return result.scale

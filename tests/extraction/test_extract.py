@@ -120,6 +120,16 @@ def test_a_systematic_error_of_few_points_is_named(points):
     assert "correlated_residual" in [finding.code for finding in found.findings]
 
 
+def test_deviations_are_said_to_be_multiplied_only_where_they_are():
+    """By the noise that is stated too small, and not where a systematic error widens them."""
+    frequency = np.linspace(28e3, 48e3, 401)
+    data = sweep(BAR, frequency, relative=1e-3, noise=True, seed=3)
+    for error, multiplied in ((0.0, True), (0.02 * np.sin((frequency - 28e3) ** 1.3 / 1500), False)):
+        found = extract(ImpedanceSpectrum(frequency, data.impedance * (1 + error), data.noise / 10))
+        assert found.status == "noise_underestimated"
+        assert ("multiplied by this factor" in found.notes[0]) == multiplied
+
+
 def test_coupling_and_its_deviation():
     found = extract(sweep(BAR, np.linspace(28e3, 48e3, 401), relative=1e-3, seed=4))
     (pair,) = found.pairs
