@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from laboratory import FUNDAMENTAL
@@ -15,6 +17,7 @@ from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.identifiability import identifiability
 from femu_piezo.inference.matching import match
 from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.starts.pole_zero import update_pair
 from femu_piezo.inference.starts.thin_body import k31_bar_admittance
 from femu_piezo.inference.terminal_roots import root_slopes, terminal_roots
@@ -203,3 +206,18 @@ def test_simplified_free_constants_move_together(target):
     assert moved.s33 == moved.s11 == theta[0]
     assert moved.s44 == pytest.approx(2 * (moved.s11 - moved.s12))
     assert (moved.d31, moved.eps33T, moved.d33) == (theta[1], theta[2], 0)
+
+
+def test_the_misfit_of_poles_and_zeros_counts_the_constants_that_follow_them():
+    """Errors three times as large as stated, of 14 numbers that determine 6 unknowns: 3, and not 3 √(8/14)."""
+    free = FreeConstants.of(LOSSY, FREE)
+    unknowns = Unknowns(MaterialParameters.around(free, free.start), material_prior(free, {}, {}))
+    rng, squares, start = np.random.default_rng(0), [], unknowns.prior_mean
+    jacobian = 1e3 * rng.normal(size=(14, start.size))
+    for _ in range(200):
+        error = 3 * rng.normal(size=14) + jacobian @ (unknowns.prior_std * rng.normal(size=start.size))
+        before = ManyModes(unknowns, start, (), (), error, jacobian, np.zeros((14, 0)), np.zeros((0, start.size)))
+        step = -before.gain @ np.concatenate([error, np.zeros(start.size)])
+        squares.append(replace(before, x=start + step, residual=error + jacobian @ step).rms_residual ** 2)
+    # the mean of 200 · 8 squared Gaussian errors is within 1 ± 3 √(2/1600)
+    assert abs(np.mean(squares) / 9 - 1) < 3 * np.sqrt(2 / 1600)

@@ -109,8 +109,10 @@ class ManyModes:
 
     @property
     def rms_residual(self) -> float:
-        """rms of the whitened residual of what was measured."""
-        return float(np.sqrt(np.mean(self.residual**2)))
+        """rms of the whitened residual of what was measured, per number that the unknowns do not follow."""
+        count = self.residual.size
+        determined = float(np.sum(self.jacobian * self.gain[:, :count].T))  # Σ (1 − posterior/prior variance)
+        return float(np.sqrt(np.sum(self.residual**2) / max(round(count - determined), 1)))
 
     @made_once
     def gain(self) -> np.ndarray:
