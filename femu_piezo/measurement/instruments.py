@@ -17,9 +17,11 @@ from femu_piezo.errors import InputError
 from femu_piezo.measurement.columns import is_lcr, parse_column
 from femu_piezo.measurement.tables import Table, read_table
 
+#: What a 4294A shows beside |Z| that is no phase: |Z|-Ls, -Cs, -Lp, -Cp, -Rs, -Q, -D.
+_NO_PHASE = r"(?!\s*([LC][SP]|RS|Q|D)\b)"
 _PARAMETERS = (
-    (r"IMPEDANCE.*MAG.*PHASE|\|Z\|\s*-", "|Z| (Ohm)", "thetaz"),
-    (r"ADMITTANCE.*MAG.*PHASE|\|Y\|\s*-", "|Y| (S)", "thetay"),
+    (rf"IMPEDANCE.*MAG.*PHASE|\|Z\|\s*-{_NO_PHASE}", "|Z| (Ohm)", "thetaz"),
+    (rf"ADMITTANCE.*MAG.*PHASE|\|Y\|\s*-{_NO_PHASE}", "|Y| (S)", "thetay"),
     (r"IMPEDANCE.*REAL.*IMAG|RESIST.*REACT|\bR\s*-\s*X\b", "R (Ohm)", "X (Ohm)"),
     (r"ADMITTANCE.*REAL.*IMAG|CONDUCT.*SUSCEPT|\bG\s*-\s*B\b", "G (S)", "B (S)"),
 )

@@ -97,6 +97,7 @@ def test_our_csv_keeps_every_bit(tmp_path: Path, points: int, noisy: bool, seed:
     [
         ("IMPEDANCE MAG PHASE (DEG)", "z_deg"),
         ("IMPEDANCE MAG PHASE (RAD)", "z_rad"),
+        ("|Z|-theta", "z_deg"),
         ("ADMITTANCE MAG PHASE (DEG)", "y_deg"),
         ("R-X", "rx"),
         ("IMPEDANCE REAL IMAG", "rx"),
@@ -113,6 +114,8 @@ def test_4294a_faults(tmp_path: Path) -> None:
     lines = text.splitlines()
     for wrong, told in (
         (write_4294a(FREQUENCY, *pair, "CP-D"), "measure parameter 'CP-D' is not understood"),
+        (write_4294a(FREQUENCY, *pair, "|Z|-Rs"), r"measure parameter '\|Z\|-Rs' is not understood"),
+        (write_4294a(FREQUENCY, *pair, "|Z| - Q"), r"measure parameter '\|Z\| - Q' is not understood"),
         (write_4294a(FREQUENCY, *pair, "IMPEDANCE MAG PHASE (DEG)", "LIN OSC"), "over frequency"),
         ("\n".join(lines[:60]), "points where the head says 41|two are needed"),
         ("\n".join(lines[:40]) + "\n", "points where the head says 41"),
