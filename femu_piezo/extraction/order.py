@@ -111,7 +111,7 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
         start, tried = few.best.model, list(few.tried)
         way = [refit(one.model, data) for one in few.intermediate_fits]
     first = _standing_out(data, max_modes) if start is None else start
-    best = _grown(_record(_passive(refit(first, data)), tried), max_modes, tried, way)
+    best = _grown(_record(_passive(refit(first, data), max_modes), tried), max_modes, tried, way)
     for count in CROWDS if start is None else ():
         if not best.is_correlated or 2 * count + DEGREE + 1 >= len(data) or count > 2 * max_modes:
             break
@@ -122,7 +122,7 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
             if rival.model.poles.size < count / 2:  # most of the poles became no modes, and more poles would not either
                 break
     if start is None and best.is_correlated and min(CROWDS) <= best.model.poles.size < len(data) / 8:
-        other = _passive(refit(search(data.thinned(len(data) // 2), max_modes).best.model, data))
+        other = _passive(refit(search(data.thinned(len(data) // 2), max_modes).best.model, data), max_modes)
         rival = _grown(_prune(_record(other, tried), tried), max_modes, tried, way)
         best = min(best, rival, key=_evidence)
     return Search(best, tuple(tried), (*way, best))
@@ -161,10 +161,10 @@ def _turns(values: np.ndarray, least: np.ndarray) -> list[int]:
     return turns
 
 
-def _passive(best: Fit) -> Fit:
-    """The fit after active modes (`_active`) are removed one by one, the weakest first."""
-    while not is_passive(best.model):
-        strength = np.where(_active(best.model), _significance(best), np.inf)
+def _passive(best: Fit, max_modes: int) -> Fit:
+    """The fit without active modes (`_active`) and those beyond `max_modes`, removed one by one, the weakest first."""
+    while np.any(active := _active(best.model)) or best.model.poles.size > max_modes:
+        strength = np.where(active | ~np.any(active), _significance(best), np.inf)
         best = refit(without(best.model, int(np.argmin(strength))), best.data)
     return best
 

@@ -211,6 +211,14 @@ def test_impossible_readings_are_refused():
         extract(ImpedanceSpectrum(np.linspace(28e3, 48e3, 50), np.ones(50)), method="guess")
 
 
+@pytest.mark.parametrize("most", [0, 2])
+def test_a_start_with_more_modes_than_are_wanted_is_cut(most):
+    data = sweep(BAR, np.linspace(20e3, 250e3, 401), relative=1e-3)
+    start = extract(data).model
+    assert start.poles.size > 2
+    assert extract(data, max_modes=most, start=start).model.poles.size <= most
+
+
 def test_a_start_with_a_pole_of_negative_residue_is_dropped():
     """Data of a resonance and a pole of negative residue, started with both: only the first remains."""
     model = extract(sweep(BAR, np.linspace(28e3, 48e3, 401))).model
