@@ -127,6 +127,27 @@ def test_law_of_the_drive_level_against_the_consistent_amplitude(effects):
     assert np.argmin(np.abs(z)) < np.argmin(np.abs(bare)) and np.min(np.abs(z)) > np.min(np.abs(bare))
 
 
+def test_the_unit_of_the_amplitude_is_that_of_the_resonance_however_sharp_it_is():
+    """Z of a branch with a quality of 4000, of which a step between the frequencies about the resonance is 1.3 widths:
+    what a softening changes is the same wherever these lie.
+    """
+    resistance = RESONANCE * INDUCTANCE / 4000
+
+    def sharp(omega, *beside, slopes=None):
+        share = float(beside[0][1][0]) if beside else 0.0  # the current grows with the square of d
+        z = resistance + 1j * INDUCTANCE * (omega - RESONANCE**2 / omega)
+        return z / (1 + share) ** 2, np.zeros((omega.size, 0), dtype=complex)
+
+    def at_resonance(fundamental):
+        context = EffectContext(fundamental, ("s11",), library_material("pzt-5h").constants, {}, 7500.0, 1e-3, 2e3)
+        (effect,) = drive_level.candidates(context)
+        return effect.acquisition(sharp, np.array([RESONANCE]), np.array([1e-5, 0.4]))[0][0] - resistance
+
+    step = 0.08 / 240 * RESONANCE / (2 * np.pi)
+    changes = [at_resonance(RESONANCE / (2 * np.pi) + share * step) for share in (0.0, 0.3, 0.5)]
+    np.testing.assert_allclose(changes, changes[0], rtol=1e-3)
+
+
 def test_the_drive_level_of_a_frequency_does_not_depend_on_the_others(effects):
     """Z with the band of the resonance left out, as of a held-out band, and about the overtone alone."""
     acquisition, parameters = effects["drive_level"].acquisition, np.array([2e-3, 0.4])

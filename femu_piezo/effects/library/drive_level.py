@@ -26,7 +26,7 @@ from femu_piezo.effects.softening import softened
 
 #: Share of the change that the law misses: strain is not uniform, and not all of the current is that of motion.
 _LAW_ERROR = 0.1
-#: Frequencies over that of the fundamental among which Y_1 is the largest admittance.
+#: Frequencies over that of the fundamental about which Y_1 is the largest admittance.
 _NEAR = np.linspace(0.96, 1.04, 241)
 #: Newton steps for the root of the cubic.
 _STEPS = 40
@@ -38,6 +38,23 @@ def _square(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     for _ in range(_STEPS):
         u = u - (((u - a) * u - b) * u - c) / ((3 * u - 2 * a) * u - b)
     return u
+
+
+def _least_square(z: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarray]:
+    """The least |Z|² about a resonance, of Z (k,) at points around it, and its slopes (n_x,), from those (k, n_x) of Z.
+
+    Z runs along a straight line there, whose distance from 0 is Im(Z_1* Z_2)/|Z_2 − Z_1|: steps of the frequency may be
+    wider than a sharp resonance.
+    """
+    size = np.abs(z)
+    top = int(np.argmin(size[1:-1])) + 1
+    ends = [top, top + 1 if size[top + 1] < size[top - 1] else top - 1]
+    (first, second), (by_first, by_second) = z[ends], slopes[ends]
+    along, by_along = second - first, by_second - by_first
+    area, by_area = (np.conj(first) * second).imag, (np.conj(by_first) * second + np.conj(first) * by_second).imag
+    length = np.abs(along) ** 2
+    least = area**2 / length
+    return float(least), (2 * area * by_area - least * 2 * (np.conj(along) * by_along).real) / length
 
 
 def _hook(drive: float, fundamental_Hz: float) -> AcquisitionHook:
@@ -52,10 +69,8 @@ def _hook(drive: float, fundamental_Hz: float) -> AcquisitionHook:
 
 
 def _leaning(inside: Reached, omega: np.ndarray, p: np.ndarray, near: np.ndarray):
-    at, at_slopes = inside(near)
-    top = int(np.argmin(np.abs(at)))
+    unit, unit_slopes = _least_square(*inside(near))  # 1/|Y_1|²
     (z, slopes), (by_w, by_w_slopes) = softened(inside, omega)
-    unit, unit_slopes = np.abs(at[top]) ** 2, 2 * (np.conj(at[top]) * at_slopes[top]).real  # 1/|Y_1|²
     factor = (1 - 1j * p[1]) / 2
     g = p[0] * factor * by_w * unit
     dg = p[0] * factor * (by_w_slopes * unit + by_w[:, None] * unit_slopes)
