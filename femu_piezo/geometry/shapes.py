@@ -15,6 +15,7 @@ from femu_piezo.geometry.shape import (
     check_unknowns,
     driven_mirrors,
     edge_error,
+    fits,
     solution_cost,
     unit_direction,
     wave_error,
@@ -127,16 +128,21 @@ class Plate:
         accuracy : relative error of λ at `frequency_Hz`; lower modes are far more accurate
         frequency_Hz : highest frequency of interest
         shear_speed : slowest shear wave, m/s
-        order : of the elements; where None, the order of `ORDERS` that costs least, in a plate that bends of those from
-            `_BENDS_WELL` on
+        order : of the elements; where None, the order of `ORDERS` that costs least of those whose model can be solved,
+            in a plate that bends of those from `_BENDS_WELL` on
         """
         shear = 2 * np.pi * frequency_Hz / shear_speed
         waves = self._wavenumbers(shear)
         size, least = waves * self.part(symmetric_axes), _BENDS_WELL if np.any(waves > shear) else ORDERS[0]
         orders = range(least, ORDERS[-1] + 1) if order is None else (order,)
+        least_along = LEAST_ALONG // (2 if 0 in symmetric_axes else 1)
+
+        def used(choice: tuple[int, tuple[int, int, int]]) -> tuple[int, tuple[int, int, int]]:
+            order, (along, *across) = choice
+            return order, (max(along, least_along), *across)
+
         choices = [(p, fewest_divisions(p, size, accuracy)) for p in orders]
-        p, (along, *across) = min(choices, key=lambda choice: _cost(*choice))
-        found = p, (max(along, LEAST_ALONG // (2 if 0 in symmetric_axes else 1)), *across)
+        found = used(min(choices, key=lambda choice: (not fits(*_unknowns(*used(choice))), _cost(*choice))))
         check_unknowns(*_unknowns(*found))
         return found
 

@@ -9,7 +9,8 @@ from femu_piezo.errors import InputError
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import driven_modal
-from femu_piezo.geometry.shapes import Plate
+from femu_piezo.geometry.shape import fits
+from femu_piezo.geometry.shapes import LEAST_ALONG, Plate
 from femu_piezo.material.library import LibraryMaterial, library_material
 from tests.variants import variants
 
@@ -83,3 +84,10 @@ def test_a_given_order_is_kept():
 def test_too_large_a_mesh_is_refused():
     with pytest.raises(InputError, match="lower the highest frequency"):
         Plate(40e-3, 5e-3, 1e-3).elements(1e-6, 3e6, 1706.0)
+
+
+def test_a_short_plate_takes_an_order_whose_mesh_can_be_solved():
+    """A rod 5 × 5 × 15 mm poled along 15 mm has more elements along x than it needs; order 6 would be too large."""
+    order, divisions = Plate(5e-3, 5e-3, 15e-3).elements(1e-6, 300e3, 1750.0)
+    assert divisions[0] == LEAST_ALONG // 2
+    assert fits(4 * np.prod(order * np.array(divisions) + 1), 16 * np.prod(divisions) * (order + 1) ** 6)
