@@ -495,7 +495,10 @@ class Specimen(Table):
     @model_validator(mode="after")
     def _default_free(self) -> Specimen:
         if self.material.free is None:
-            material = self.material.model_copy(update={"free": _FREE.get(self.geometry.poling, _FREE_IN_SHEAR)})
+            poling = self.geometry.poling
+            if isinstance(poling, tuple) and not any(poling[:2]):  # along −z
+                poling = "thickness"
+            material = self.material.model_copy(update={"free": _FREE.get(poling, _FREE_IN_SHEAR)})
             object.__setattr__(self, "material", material)
         return self
 

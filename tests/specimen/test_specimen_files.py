@@ -74,6 +74,9 @@ def test_defaults_follow_the_poling_and_the_file_name(tmp_path: Path) -> None:
     assert thickness.material.free == ("s11", "d31", "eps33T")
     length = read_text(tmp_path, PLATE.replace(free, "").replace('poling = "thickness"', 'poling = "length"'))
     assert length.material.free == ("s33", "d33", "eps33T")
+    for direction, expected in (("[0, 0, -1]", ("s11", "d31", "eps33T")), ("[1, 0, 0]", ("s44", "d15", "eps11T"))):
+        along = read_text(tmp_path, PLATE.replace(free, "").replace('poling = "thickness"', f"poling = {direction}"))
+        assert along.material.free == expected
 
 
 def test_variables_and_absolute_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
