@@ -316,8 +316,8 @@ def parse_temperature(value: object, where: str) -> float:
         number, unit = float(found[1]), found[2]
     if isinstance(number, bool) or not isinstance(number, (int, float)):
         raise InputError(f"{where}: {shown(value)} is not a temperature; {right}")
-    celsius = round(number - _ZERO_CELSIUS, 9) if unit == "K" else float(number)
+    celsius = round(number - _ZERO_CELSIUS, 9) if unit == "K" else number
     if not _TEMPERATURES[0] <= celsius <= _TEMPERATURES[1]:
         low, high = _TEMPERATURES
         raise InputError(f"{where}: {shown(value)} is outside {low:g} … {high:g} °C; {right}")
-    return celsius
+    return float(celsius)

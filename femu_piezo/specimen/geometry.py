@@ -66,7 +66,10 @@ def _to_poling(value: object) -> object:
         numbers = [isinstance(part, (int, float)) and not isinstance(part, bool) for part in value]
         if len(value) != 3 or not all(numbers) or not any(value):
             raise ValueError(f"{shown(list(value))} is no direction; {right}")
-        x, y, z = (float(part) for part in value)
+        try:
+            x, y, z = (float(part) for part in value)
+        except OverflowError:
+            raise ValueError(f"{shown(list(value))} has a number that is too large; {right}") from None
         return "thickness" if x == y == 0 and z > 0 else (x, y, z)
     if value not in ("thickness", "length"):
         raise ValueError(f"{shown(value)} is not known; {right}")

@@ -131,6 +131,8 @@ def test_variables_and_absolute_paths(tmp_path: Path, monkeypatch: pytest.Monkey
         ("name =", "path = 'x'\nname =", "path is not a key"),
         ('"plate 07"', '"\\u0000"', "name"),
         ("[geometry]", "[[geometry]]", "not a table"),
+        ('poling = "thickness"', f"poling = [1{'0' * 400}, 0, 0]", "geometry.poling"),
+        ("[measurement]", f'[[sweep]]\nfile = "a.csv"\ntemperature = 1{"0" * 400}\n[measurement]', "sweep.temperature"),
         ('"40 mm"', "9" * 5000, "too long"),
         ('"40 mm"', "[" * 5000, "too long"),
     ],
