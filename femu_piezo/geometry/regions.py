@@ -214,6 +214,16 @@ class Footprint:
         return inside
 
     @property
+    def holes_apart(self) -> bool:
+        """Whether every hole lies inside the outline and outside of the others, so that their areas are subtracted."""
+        for index, hole in enumerate(self.holes):
+            radius, (x, y) = hole.diameter / 2, np.array(hole.center)[:, None]
+            room = [self.outline.depth(x, y), *(-other.depth(x, y) for other in self.holes[:index])]
+            if np.min(room) < radius:
+                return False
+        return True
+
+    @property
     def mirrors(self) -> frozenset[int]:
         """Axes (0: x, 1: y) normal to a mirror line of the footprint through the origin."""
         axes = self.outline.mirrors

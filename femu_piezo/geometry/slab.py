@@ -212,12 +212,15 @@ class Slab:
 
     @property
     def electrode_area(self) -> float:
-        """Area of the hot electrode, m²; exact, or from 1200 × 1200 points where it covers only a range of x."""
+        """Area of the hot electrode, m²; exact, or from 1200 × 1200 points where it covers only a range of x.
+
+        So it is where the bare rims of holes meet each other or the bare rim of the edge.
+        """
         hot = self.hot
-        if hot.x_range is None:
+        if hot.x_range is None and hot.holes_apart:
             return hot.outline.area - sum(hole.area for hole in hot.holes)
         x_min, x_max, y_min, y_max = hot.outline.extents
-        low, high = max(x_min, hot.x_range[0]), min(x_max, hot.x_range[1])
+        low, high = (x_min, x_max) if hot.x_range is None else (max(x_min, hot.x_range[0]), min(x_max, hot.x_range[1]))
         x = low + (high - low) * (np.arange(1200) + 0.5) / 1200
         y = y_min + (y_max - y_min) * (np.arange(1200) + 0.5) / 1200
         share = np.mean(hot.covers(*(grid.ravel() for grid in np.meshgrid(x, y))))

@@ -124,6 +124,19 @@ def test_a_plate_with_a_hole_anywhere_is_meshed(width: float, diameter: float, x
     assert domain.volume == pytest.approx(shape.volume, rel=1e-9)
 
 
+def test_electrode_area_where_bare_rims_meet() -> None:
+    """The rim of a hole reaches over that of the edge, or of the hole of a ring: areas do not just subtract."""
+    near_edge = Circle(2 * MM, (5 * MM, 1 * MM))
+    near_middle = Circle(2 * MM, (6 * MM, 0.0))
+    for shape in (
+        plate(20 * MM, 5 * MM, 1 * MM, holes=(near_edge,), electrodes=Electrodes(margin=0.5 * MM)),
+        ring(20 * MM, 8 * MM, 1 * MM, holes=(near_middle,), electrodes=Electrodes(margin=0.7 * MM)),
+    ):
+        domain = shape.domain(1 * MM)
+        area = boundary_area(domain.mesh, "hot") * domain.copies / domain.voltage_factor
+        assert area == pytest.approx(shape.electrode_area, rel=2e-4, abs=0)
+
+
 def test_wrapped_ground_covers_lower_face_end_and_strip() -> None:
     mesh = SHAPES["wrapped"].domain(1 * MM).mesh
     assert 2 * boundary_area(mesh, "ground") == pytest.approx((12 + 1 + 2) * 6 * MM**2, rel=1e-9)
