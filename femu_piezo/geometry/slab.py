@@ -435,7 +435,7 @@ class Slab:
     def _on_wrapped_end(self, x: np.ndarray) -> np.ndarray:
         """Facets of the side that the wrap-around covers: the end x_min; of a disk, where x is in the covered strip."""
         x_min, x_max = self.outline.extents[:2]
-        side = np.abs(x[2]) < self.thickness / 2 * (1 - 1e-6)
+        side = np.abs(x[2]) < (self.thickness / 2 - self.chamfer) * (1 - 1e-6)
         if isinstance(self.outline, Circle):
             in_hole = np.zeros(x.shape[1], dtype=bool)
             for hole in self.holes:

@@ -143,6 +143,12 @@ def test_wrapped_ground_covers_lower_face_end_and_strip() -> None:
     assert 2 * boundary_area(mesh, "hot") == pytest.approx((12 - 2.5) * 6 * MM**2, rel=1e-9)
 
 
+def test_chamfers_of_a_wrapped_disk_are_bare() -> None:
+    mesh = disk(10 * MM, 1 * MM, chamfer=0.2 * MM, electrodes=Electrodes(wrap=(2 * MM, 0.5 * MM))).domain(1 * MM).mesh
+    height = np.abs(mesh.p[2, mesh.facets[:, mesh.boundaries["ground"]]]).mean(axis=0)  # of the middles of facets
+    assert np.any(height < 0.3 * MM) and not np.any((height > 0.3 * MM) & (height < 0.5 * MM * (1 - 1e-6)))
+
+
 def test_two_threads_mesh_in_turn(monkeypatch) -> None:
     """gmsh has one session for each process, while a diagnosis meshes two bodies at once."""
     monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
