@@ -87,7 +87,7 @@ def test_too_large_a_mesh_is_refused():
 
 
 def test_a_short_plate_takes_an_order_whose_mesh_can_be_solved():
-    """A rod 5 × 5 × 15 mm poled along 15 mm has more elements along x than it needs; order 6 would be too large."""
+    """A rod 5 × 5 × 15 mm poled along 15 mm has spare elements along x, with which order 7 is too large."""
     order, divisions = Plate(5e-3, 5e-3, 15e-3).elements(1e-6, 300e3, 1750.0)
     assert divisions[0] == LEAST_ALONG // 2
     assert fits(4 * np.prod(order * np.array(divisions) + 1), 16 * np.prod(divisions) * (order + 1) ** 6)
