@@ -40,8 +40,8 @@ def test_robust_spread_and_limits():
     one = lot_of(rows(values)).distributions[0]
     assert one.centre == pytest.approx(CENTRE, rel=1e-2, abs=0)
     assert one.sigma == pytest.approx(SIGMA, rel=0.15, abs=0)
-    assert one.limits == pytest.approx((one.centre - 3 * one.sigma, one.centre + 3 * one.sigma), abs=0)
-    assert one.measurement == pytest.approx(SIGMA / 10, abs=0)
+    assert one.limits == pytest.approx((one.centre - 3 * one.sigma, one.centre + 3 * one.sigma), rel=1e-6, abs=0)
+    assert one.measurement == pytest.approx(SIGMA / 10, rel=1e-6, abs=0)
 
 
 def test_outliers_are_named_with_their_reason():

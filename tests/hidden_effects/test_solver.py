@@ -147,7 +147,7 @@ def test_margin_without_coupling_has_the_capacitance_of_the_conformal_map():
     capacitance = (1 / build.impedance(frequency) / (2j * np.pi * frequency))[0].real
     length, width, thickness = BAR
     beyond = np.log(2) / np.pi * thickness * np.sqrt(PZT5H[8] / PZT5H[9])
-    assert capacitance == pytest.approx(PZT5H[9] * width * (length - 3e-3 + 2 * beyond) / thickness, rel=2e-5)
+    assert capacitance == pytest.approx(PZT5H[9] * width * (length - 3e-3 + 2 * beyond) / thickness, rel=3e-4, abs=0)
 
 
 @pytest.mark.slow
@@ -217,7 +217,7 @@ def test_bar_poled_along_its_length_is_the_k33_bar():
     assert highest == pytest.approx(antiresonance, rel=3e-3)
     low = np.array([2e3])
     capacitance = (1 / build.impedance(low) / (2j * np.pi * low))[0].real
-    assert capacitance == pytest.approx(eps33 * BAR[1] * BAR[2] / BAR[0], rel=2e-3)
+    assert capacitance == pytest.approx(eps33 * BAR[1] * BAR[2] / BAR[0], rel=2e-3, abs=0)
 
 
 def test_membrane_stiffens_as_a_parallel_spring():

@@ -83,7 +83,7 @@ def test_a_value_is_read_with_its_unit_and_comes_back(key, tmp_path):
     path.write_text(text(key, f'"{right}"')[0], encoding="utf-8")
     one = read_specimen(path)
     tables = (one.geometry, one.material, one.measurement, one.measurement.residue)
-    assert next(getattr(table, key) for table in tables if hasattr(table, key)) == pytest.approx(si, rel=1e-12)
+    assert next(getattr(table, key) for table in tables if hasattr(table, key)) == pytest.approx(si, rel=1e-12, abs=0)
     write_specimen(one, tmp_path / "copy.toml")
     assert read_specimen(tmp_path / "copy.toml") == one.model_copy(update={"path": tmp_path / "copy.toml"})
 

@@ -89,7 +89,9 @@ def test_a_lot_is_kept_with_all_that_belongs_to_it(line, address):
         key = (one["result_id"], one["quantity"])
         parts[key] = parts.get(key, 0.0) + one["std"] ** 2
     assert len(parts) == 12  # three constants and their tangents of two pieces
-    assert {key: total**0.5 for key, total in parts.items()} == pytest.approx({key: estimates[key] for key in parts})
+    assert {key: total**0.5 for key, total in parts.items()} == pytest.approx(
+        {key: estimates[key] for key in parts}, rel=1e-6, abs=0
+    )
 
 
 def test_update_finds_its_piece_in_the_lot_and_diagnose_adds_to_it(line, tmp_path, monkeypatch):

@@ -65,8 +65,8 @@ def test_diagnose_without_candidates_is_update(sweeps, write_specimen_of, case):
             for scale in (1e12, 1.0):  # in pm²/N and pC/N as on the terminal
                 assert number(scale * one.value, scale * one.std) == number(scale * other.value, scale * other.std)
             assert number(one.tan, one.tan_std) == number(other.tan, other.tan_std)
-            assert one.budget == pytest.approx(other.budget, rel=1e-6)
-            assert one.tan_budget == pytest.approx(other.tan_budget, rel=1e-6)
+            assert one.budget == pytest.approx(other.budget, rel=1e-6, abs=0)
+            assert one.tan_budget == pytest.approx(other.tan_budget, rel=1e-6, abs=0)
     np.testing.assert_allclose(result.curves[0], updated.outcomes[0].updated_curve, rtol=1e-9)
 
 
@@ -87,7 +87,7 @@ def test_priors_of_the_file_count_and_are_about_the_file(sweeps, write_specimen_
     weight = (free.std / (1e-3 * file.s11)) ** 2  # precision of the prior over that of everything else
     assert weight > 2
     assert known.value == pytest.approx((free.value + weight * file.s11) / (1 + weight), abs=0.1 * free.std)
-    assert known.std == pytest.approx(free.std / np.sqrt(1 + weight), rel=0.1)
+    assert known.std == pytest.approx(free.std / np.sqrt(1 + weight), rel=0.1, abs=0)
     off = free.tan + 2 * free.tan_std  # a larger difference would contradict the data, which widens the interval
     known, _ = found(off, f"std_tan_s11 = {0.5 * free.tan_std!r}")
     assert known.tan == pytest.approx((free.tan + 4 * off) / 5, abs=0.3 * free.tan_std)

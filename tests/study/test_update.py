@@ -47,7 +47,7 @@ def test_noise_free_recovery(sweeps, write_specimen_of, truth, method):
         value = getattr(result.constants, name)
         exact = getattr(truth, name)
         limit = 3e-5 if method == "pole_zero" else 1e-5  # at 500 Hz ε33T is static only to (f/f_p)² k² ≈ 3e-6
-        assert value.real == pytest.approx(exact.real, rel=limit), name
+        assert value.real == pytest.approx(exact.real, rel=limit, abs=0), name
         assert result.constants.tangent(name) == pytest.approx(truth.tangent(name), rel=1e-3), name
 
 
@@ -156,7 +156,7 @@ def test_command_line_writes_the_contract(sweeps, write_specimen_of, tmp_path):
         assert set(estimate) == {"value", "std", "tan", "tan_std", "budget", "tan_budget"}
         for std, budget in (("std", "budget"), ("tan_std", "tan_budget")):
             parts = np.array(list(estimate[budget].values()))
-            assert estimate[std] == pytest.approx(np.sqrt(np.sum(parts**2)), rel=1e-9) and np.all(parts >= 0)
+            assert estimate[std] == pytest.approx(np.sqrt(np.sum(parts**2)), rel=1e-9, abs=0) and np.all(parts >= 0)
             assert {"noise", "geometry", "density", "held", "instrument"} <= set(estimate[budget])
     for kind in ("poles", "zeros"):
         assert set(record[kind][0]) == {"measured", "model"}
@@ -178,7 +178,7 @@ def test_samples_of_a_sound_sweep_are_those_of_the_stated_deviations(sweeps, wri
     for name, one in record["parameters"].items():
         for label, value, std in ((name, one["value"], one["std"]), (f"tan_{name}", one["tan"], one["tan_std"])):
             low, high = record["samples"]["interval_68"][label]
-            assert (high - low) / 2 == pytest.approx(std, rel=0.3), label
+            assert (high - low) / 2 == pytest.approx(std, rel=0.3, abs=0), label
             assert (high + low) / 2 == pytest.approx(value, abs=0.3 * std), label
     rows = (out / "samples.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) >= 143 and rows[0].startswith("s11,tan_s11,d31,")
@@ -269,7 +269,7 @@ def test_a_misfit_beyond_the_stated_noise_widens_the_intervals(sweeps, write_spe
     assert right.fit.noise_scale == pytest.approx(1.0, abs=0.02)
     assert result.fit.noise_scale == pytest.approx(50, rel=0.2)
     for name in TRIO:
-        assert result.parameters[name].std == pytest.approx(right.parameters[name].std, rel=0.3)
+        assert result.parameters[name].std == pytest.approx(right.parameters[name].std, rel=0.3, abs=0)
     assert any("times as noisy as stated" in note for note in result.notes)
 
 
@@ -364,8 +364,8 @@ def test_clipped_readings_are_left_out(sweeps, write_specimen_of):
     )
     assert any("the peak is clipped; these points are left out" in note for note in found.notes)
     for name in TRIO:
-        assert found.parameters[name].value == pytest.approx(right.parameters[name].value, rel=1e-9), name
-        assert found.parameters[name].std == pytest.approx(right.parameters[name].std, rel=1e-6), name
+        assert found.parameters[name].value == pytest.approx(right.parameters[name].value, rel=1e-9, abs=0), name
+        assert found.parameters[name].std == pytest.approx(right.parameters[name].std, rel=1e-6, abs=0), name
 
 
 def test_a_note_says_that_a_bar_is_a_poor_source_of_the_permittivity(sweeps, write_specimen_of):

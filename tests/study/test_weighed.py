@@ -27,13 +27,15 @@ def pieces(sweeps, write_specimen_of):
 
 
 def test_mass_and_density_are_the_same_knowledge(pieces):
-    """For the 36 mm³ of the plate the constants agree; with a mass, a wrong dimension also changes the density."""
+    """For the 36 mm³ of the plate the constants agree, and what the density adds to s11 within 6 %: with a mass, a
+    wrong dimension also changes the density.
+    """
     dense, weighed = pieces
     assert prepare(weighed).density == pytest.approx(7500.0, rel=1e-12)
     by_density, by_mass = update(dense).parameters, update(weighed).parameters
     for name in TRIO:
-        assert by_mass[name].value == pytest.approx(by_density[name].value, rel=1e-4)
-    assert by_mass["s11"].budget["density"] == pytest.approx(by_density["s11"].budget["density"], rel=1e-2)
+        assert by_mass[name].value == pytest.approx(by_density[name].value, rel=1e-4, abs=0)
+    assert by_mass["s11"].budget["density"] == pytest.approx(by_density["s11"].budget["density"], rel=0.06, abs=0)
 
 
 def test_a_second_piece_of_half_the_length_has_half_the_mass(pieces):
