@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext
+from femu_piezo.inference.coefficients import Active
+from femu_piezo.inference.readings import Reading as FittedReading
 
 #: Effect of the fixture → what to read, how exactly, and the σ of such a reading in SI.
 _FIXTURE = {
@@ -58,19 +60,8 @@ def _mass(effect: Effect, context: EffectContext) -> np.ndarray | None:
 
     None where the effect does not change the mass.
     """
-    slopes = np.zeros(len(effect.parameters))
-    if effect.density is not None:
-        slopes[:] = effect.density(effect.rest)[1]
-    elif effect.stretch is not None:
-        slopes[:] = effect.stretch(effect.rest)[1].sum(axis=0)  # the volume grows with each dimension
-    elif effect.reshaping is not None:
-        slopes[0] = effect.reshaping.volume(0.0)[1]
-    elif effect.name == "electrode_mass":
-        slopes[0] = 2 / (context.density * context.thickness)
-    elif effect.name == "film_stiffness":  # D q on each face
-        slopes[0] = 2 * effect.rest[2] / (context.density * context.thickness)
-    elif effect.name == "point_mass" and context.mass is not None:
-        slopes[0] = 1 / context.mass
-    else:
-        return None
-    return slopes / _BALANCE
+    mass = context.mass or context.density  # shares of the mass of films and dimensions are the same for any volume
+    volume, count = mass / context.density, len(effect.parameters)
+    weighed = FittedReading("mass", mass, _BALANCE * mass, "", context.density, volume, volume / context.thickness)
+    _, slopes = weighed.mass([Active(effect, effect.rest, slice(0, count))], count)
+    return slopes / effect.scale / weighed.std if np.any(slopes) else None

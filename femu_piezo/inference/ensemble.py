@@ -19,14 +19,18 @@ from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.threads import made_once
 
 
+def is_of_fixture(effect: Effect) -> bool:
+    """Whether an effect is a circuit of the fixture; those nearer to the body belong to the specimen."""
+    return effect.circuit is not None and effect.outward >= 1
+
+
 def is_common(effect: Effect) -> bool:
     """Whether all specimens share the effect with one size: effects on the constants, and circuits of the fixture.
 
     Circuits nearer to the body than any fixture, such as a gap under an electrode, belong to one specimen, and so do
     changes from sweep to sweep.
     """
-    of_fixture = effect.circuit is not None and effect.outward >= 1
-    return of_fixture or (effect.constants is not None and not effect.of_specimen)
+    return is_of_fixture(effect) or (effect.constants is not None and not effect.of_specimen)
 
 
 def with_owner(effect: Effect, owner: str) -> Effect:

@@ -14,21 +14,21 @@ Where sweeps have several temperatures, readings are taken at that of the consta
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.inference.coefficients import Active, active_effects, d_form_constants, e_form_constants
-from femu_piezo.inference.ensemble import Share
+from femu_piezo.inference.ensemble import Share, is_of_fixture
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import D_FORM, E_FORM
 from femu_piezo.units import signed
 
-#: Where a capacitance is read, rad/s; circuits nearer to the body than this place belong to the specimen.
-_KILOHERTZ, _FIXTURE = 2 * np.pi * np.array([1e3]), 1.0
+#: Where a capacitance is read, rad/s.
+_KILOHERTZ = 2 * np.pi * np.array([1e3])
 _D33 = D_FORM.index("d33")
 _C33, _E33, _EPS33S = (E_FORM.index(name) for name in ("c33", "e33", "eps33S"))
 #: Standard deviations between a reading and its fitted value from which a note tells that they contradict each other.
@@ -46,7 +46,7 @@ class Reading:
     name : its key in `[readings]`;  value, std : SI
     specimen : its name as in `Effect.owner`; "" where there is only one
     density, volume, area : of the body and of its hot electrode as the file says, SI
-    body : response of the specimen at any frequencies; None where the reading is no capacitance
+    model : of the specimen, from which a capacitance is predicted; other readings do without it
     """
 
     name: str
@@ -56,7 +56,7 @@ class Reading:
     density: float
     volume: float
     area: float
-    body: Evaluation | None = None
+    model: ExtendedModel | None = None
 
     def row(self, parameters: Unknowns, x: np.ndarray) -> tuple[float, np.ndarray]:
         """(predicted − value)/std at the unknowns x (n_x,), and its slopes (n_x,)."""
@@ -69,14 +69,15 @@ class Reading:
     def _predicted(self, parameters: Unknowns, x: np.ndarray) -> tuple[float, np.ndarray]:
         active = [item for item in active_effects(parameters, x) if not item.effect.of_conditions]
         return {
-            "mass": self._mass,
+            "mass": lambda _, x, active: self.mass(active, x.size),
             "capacitance": self._capacitance,
             "d33": self._d33,
             "sound_velocity": self._sound_velocity,
         }[self.name](parameters, x, active)
 
-    def _mass(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
-        factor, slopes = _scaled(active, x.size, 1)
+    def mass(self, active: list[Active], unknowns: int) -> tuple[float, np.ndarray]:
+        """Mass with some effects, kg, and its slopes (n_x,)."""
+        factor, slopes = _scaled(active, unknowns, 1)
         found, slopes = self.density * self.volume * factor, self.density * self.volume * factor * slopes
         for item in active:
             added, own = self._added_mass(item)
@@ -100,10 +101,10 @@ class Reading:
         return 0.0, own
 
     def _capacitance(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
-        if self.body is None:
-            raise ValueError(f"the capacitance of {self.specimen or 'the specimen'} needs the response of its body")
-        own = [item for item in active if item.effect.acquisition is None and not _is_of_fixture(item.effect)]
-        z, slopes = replace(self.body, omega=_KILOHERTZ).with_effects(parameters, x, own)
+        if self.model is None:
+            raise ValueError(f"the capacitance of {self.specimen or 'the specimen'} needs its model")
+        own = [item for item in active if item.effect.acquisition is None and not is_of_fixture(item.effect)]
+        z, slopes = Evaluation(self.model, _KILOHERTZ).with_effects(parameters, x, own)
         return float((1 / z[0]).imag / _KILOHERTZ[0]), (-slopes[0] / z[0] ** 2).imag / _KILOHERTZ[0]
 
     def _d33(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
@@ -123,11 +124,6 @@ class Reading:
 def _plain(active: list[Active]) -> list[Active]:
     """Effects without laws over frequency, since these hold in the band of the sweep alone."""
     return [item for item in active if not item.effect.dispersive]
-
-
-def _is_of_fixture(effect: Effect) -> bool:
-    """Whether an effect is a circuit between the specimen and the instrument."""
-    return effect.circuit is not None and effect.outward >= _FIXTURE
 
 
 def _scaled(active: list[Active], unknowns: int, power: int) -> tuple[float, np.ndarray]:

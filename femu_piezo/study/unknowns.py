@@ -9,7 +9,6 @@ import numpy as np
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.inference.readings import Reading
-from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.study.subjects import Subject, shared_library
@@ -75,7 +74,6 @@ def _pieces(
 def _readings(one: Subject, model: ExtendedModel | None) -> list[Reading]:
     """The `[readings]` of its file as data of a fit."""
     problem, table = one.problem, one.problem.specimen.readings
-    body = None if model is None else Evaluation(model, np.empty(0))
     return [
         Reading(
             name,
@@ -85,7 +83,7 @@ def _readings(one: Subject, model: ExtendedModel | None) -> list[Reading]:
             problem.density,
             problem.plate.volume,
             problem.plate.electrode_area,
-            body if name == "capacitance" else None,
+            model,
         )
         for name, (value, std) in (table.given if table is not None else {}).items()
     ]

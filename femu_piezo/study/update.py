@@ -339,8 +339,7 @@ def _notes(
 
 
 def _fit_notes(found: Fit) -> list[str]:
-    notes = []
-    notes += contradictions(found)
+    notes = contradictions(found)
     if found.on_bound:
         notes.append(f"{', '.join(found.on_bound)} reached a limit of the range that the fit allows")
     sizes = zip(found.parameters.effects, found.parameters.values(found.x), found.std_of_effects, strict=True)

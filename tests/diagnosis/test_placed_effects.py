@@ -210,7 +210,7 @@ def test_change_of_impedance_against_independent_solution(setup, bare, case):
 def test_a_capacitance_reading_follows_causes_that_change_the_static_field(setup, case):
     """The relative change of the capacitance at 1 kHz against that of the independent solution, 0.2 % at least."""
     (values, change, share), area, at = CASES[case], SIZE[0] * SIZE[1], np.array([1e3])
-    reading = Reading("capacitance", 1e-9, 1e-9, "", DENSITY, float(np.prod(SIZE)), area, setup.evaluation)
+    reading = Reading("capacitance", 1e-9, 1e-9, "", DENSITY, float(np.prod(SIZE)), area, setup.model)
     built = build(setup)
     change(built)
     bare, exact = ((1 / one.impedance(at)[0]).imag for one in (build(setup), built))

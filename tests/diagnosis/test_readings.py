@@ -24,7 +24,7 @@ NAMES = ("mass", "capacitance", "d33", "sound_velocity")
 
 
 def reading(setup, name: str, value: float, std: float) -> Reading:
-    return Reading(name, value, std, "", DENSITY, VOLUME, AREA, setup.evaluation)
+    return Reading(name, value, std, "", DENSITY, VOLUME, AREA, setup.model)
 
 
 def capacitance(z: np.ndarray) -> float:
