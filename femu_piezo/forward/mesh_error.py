@@ -21,14 +21,12 @@ import numpy as np
 from femu_piezo.forward.modal import ModalModel
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import driven_modal
-from femu_piezo.geometry.shape import EDGE_RATE
+from femu_piezo.geometry.shape import ALONG, EDGE_RATE
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.threads import in_parallel
 
 #: Ratio ρ of errors where the field is singular from one order to the next.
 _SINGULAR = 0.5
-#: |cos| of the angle between poling and field from which they count as parallel.
-_ALONG = 1 - 1e-6
 #: The change d of a mode is taken as at least this share of the largest change of the modes below it, because the
 #: change of a single mode may vanish by chance.
 _SHARED = 0.03
@@ -76,7 +74,7 @@ def mesh_error(model: ElectroelasticModel, constants: PiezoConstants, band_Hz: f
         return None
     nearest = np.abs(rough[:, None] / fine - 1).min(axis=0)
     least = _SHARED * np.maximum.accumulate(nearest)
-    singular = model.domain.rim_error or model.domain.poling_along_field < _ALONG
+    singular = model.domain.rim_error or model.domain.poling_along_field < 1 - ALONG
     ratio = _SINGULAR if singular else (1 - 1 / model.order) ** EDGE_RATE
     return MeshError(np.sqrt(fine) / (2 * np.pi), ratio / (1 - ratio) * np.maximum(nearest, least))
 

@@ -10,6 +10,7 @@ import skfem
 
 from femu_piezo.errors import InputError
 from femu_piezo.geometry.curved_mesh import CurvedHexahedra
+from femu_piezo.geometry.quality import mean_normal
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,7 @@ class Domain:
     def poling_along_field(self) -> float:
         """|cos| of the angle between the poling and the mean normal of the hot electrode."""
         facets = np.concatenate([self.mesh.boundaries[name] for name in self.hot])
-        basis = skfem.FacetBasis(self.mesh, self.mesh.elem(), facets=facets)
-        normal = np.sum(np.asarray(basis.normals) * basis.dx, axis=(1, 2))
+        normal = mean_normal(skfem.FacetBasis(self.mesh, self.mesh.elem(), facets=facets))
         return float(abs(np.dot(self.poling, normal)) / (np.linalg.norm(self.poling) * np.linalg.norm(normal)))
 
     @property

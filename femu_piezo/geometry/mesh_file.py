@@ -22,7 +22,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.files import read_bytes
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.memory import memory_limit
-from femu_piezo.geometry.quality import boundary_area, check_electrodes, check_elements
+from femu_piezo.geometry.quality import boundary_area, check_electrodes, check_elements, mean_normal
 from femu_piezo.geometry.shape import MOST_UNKNOWNS, UNKNOWNS, fits, unit_direction
 from femu_piezo.geometry.upper_face import UpperFace, facets_at
 from femu_piezo.threads import made_once
@@ -121,8 +121,7 @@ class MeshFile:
         hot, ground = (
             np.sum(np.asarray(basis.global_coordinates()) * basis.dx, axis=(1, 2)) / np.sum(basis.dx) for basis in bases
         )
-        normal = np.sum(np.asarray(bases[0].normals) * bases[0].dx, axis=(1, 2)) / np.sum(bases[0].dx)
-        apart = hot - ground
+        apart, normal = hot - ground, mean_normal(bases[0])
         apart[[*self.mirrors]] = normal[[*self.mirrors]] = 0.0
         if np.linalg.norm(apart) < _FLAT * np.ptp(self.mesh.p, axis=1).max():
             raise InputError(

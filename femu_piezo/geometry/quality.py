@@ -54,6 +54,11 @@ def boundary_area(mesh: skfem.Mesh, name: str) -> float:
     return float(np.sum(skfem.FacetBasis(mesh, mesh.elem(), facets=facets, intorder=order).dx))
 
 
+def mean_normal(facets: skfem.FacetBasis) -> np.ndarray:
+    """(3,) mean of the outward normal over some facets; shorter than 1 where they are not in one plane."""
+    return np.sum(np.asarray(facets.normals) * facets.dx, axis=(1, 2)) / np.sum(facets.dx)
+
+
 def check_electrodes(mesh: skfem.Mesh, hot: str, ground: str, what: str = "the mesh") -> None:
     """InputError where an electrode has no name, lies inside the body or has no area, or where the two touch."""
     known = mesh.boundaries or {}

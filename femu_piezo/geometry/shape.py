@@ -19,7 +19,7 @@ UNKNOWNS = {"hexahedron": 32, "tetrahedron": 6}
 EDGE_RATE = 9.6
 #: Cosine of the angle between poling and field below which they count as perpendicular, and distance from 1 below which
 #: they count as parallel.
-_ACROSS, _ALONG = 1e-6, 1e-9
+_ACROSS, ALONG = 1e-6, 1e-9
 
 
 class Shape(Protocol):
@@ -82,7 +82,7 @@ def poling_along_field(shape: Shape) -> float:
 
 def is_poled_along_field(shape: Shape) -> bool:
     """Whether poling and field are parallel: then s and d of that direction drive the first mode."""
-    return poling_along_field(shape) > 1 - _ALONG
+    return poling_along_field(shape) > 1 - ALONG
 
 
 def is_poled_across_field(shape: Shape) -> bool:
