@@ -739,18 +739,19 @@ def _line(text: str) -> None:
     click.echo(("\r\033[K" if sys.stdout.isatty() else "") + text)
 
 
-#: Parameters of `measure` that concern an analyser at work, each with its option where that has another name.
-_AT_THE_ANALYSER = dict.fromkeys(
-    ("instrument", "voltage", "bias", "speed", "averages", "timeout", "diagnose", "store", "lot")
-) | {"seconds": "time"}
+#: Parameters of `measure` that concern an analyser at work.
+_AT_THE_ANALYSER = frozenset(
+    ("instrument", "voltage", "bias", "speed", "averages", "timeout", "seconds", "diagnose", "store", "lot")
+)
 
 
 def _refuse_at_the_analyser() -> None:
     """InputError where an option is given that has no meaning without an analyser."""
     context = click.get_current_context()
-    for name, option in _AT_THE_ANALYSER.items():
-        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            raise InputError(f"--plan is for an analyser without a connection; leave --{option or name} out")
+    for one in context.command.params:
+        given = context.get_parameter_source(one.name) is click.core.ParameterSource.COMMANDLINE
+        if given and one.name in _AT_THE_ANALYSER:
+            raise InputError(f"--plan is for an analyser without a connection; leave {one.opts[0]} out")
 
 
 def _plan_only(specimen: Specimen, wish: Wish, data: Path | None, out: Path) -> None:

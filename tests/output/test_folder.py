@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from tests.commands import invoked
+from tests.specimens import plate
 
-SPEC = """[geometry]
-shape = "plate"
-length = "40 mm"
-width = "5 mm"
-thickness = "1 mm"
+SPEC = f"""{plate("plate", (40e-3, 5e-3, 1e-3), 7500.0)}
 [material]
 base = "pzt-5h"
 [measurement]

@@ -27,16 +27,11 @@ from femu_piezo.web.pages import diagnosis, update
 from femu_piezo.web.pages.specimen import _Form
 from femu_piezo.web.pages.update import _Update
 from femu_piezo.web.workspace import Workspace
+from tests.specimens import plate
 
 from .conftest import TUTORIALS
 
-TEXT = """name = "plate"
-[geometry]
-shape = "plate"
-length = "40 mm"
-width = "5 mm"
-thickness = "1 mm"
-[material]
+TEXT = f"""{plate("plate", (40e-3, 5e-3, 1e-3), 7500.0)}[material]
 base = "pzt-5h"
 free = ["s11"]
 """

@@ -8,20 +8,9 @@ import pytest
 
 from femu_piezo.errors import InputError
 from femu_piezo.web.workspace import LARGEST_UPLOAD, OWN, Workspace
+from tests.specimens import plate
 
-SPECIMEN = """
-[geometry]
-shape = "plate"
-length = "40 mm"
-width = "5 mm"
-thickness = "1 mm"
-
-[material]
-base = "pzt-5h"
-
-[measurement]
-file = "{file}"
-"""
+SPECIMEN = plate("plate", (40e-3, 5e-3, 1e-3), 7500.0) + '[material]\nbase = "pzt-5h"\n[measurement]\nfile = "{file}"\n'
 
 
 @pytest.fixture
