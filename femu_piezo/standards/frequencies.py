@@ -15,15 +15,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.optimize import brentq
 
 Admittance = Callable[[np.ndarray], np.ndarray]
 #: A real quantity (…) of an admittance (…), such as its conductance.
 Part = Callable[[np.ndarray], np.ndarray]
-#: Window about a pole or zero in which extrema are looked for: its reach to either side, in bandwidths, and its points.
-#: Subdivision, in shares, of the interval that holds a maximum, and length of the last interval, in bandwidths: a
-#: maximum is known to the root of the rounding of the compared values.
-_REACH, _POINTS, _CLOSER, _CLOSE = 1.5, 301, np.linspace(0, 1, 33), 2e-9
+#: Window about a pole or zero: its reach to either side, in bandwidths, and its points. About one of them a curve is a
+#: polynomial through it and so many points on either side, to 1e-13: its singularities are half a bandwidth away.
+_REACH, _POINTS, _BESIDE = 1.5, 301, 4
+#: Exponents of t in this polynomial, and its coefficients over the values at t = −4 … 4.
+_EXPONENTS = np.arange(2.0 * _BESIDE + 1)
+_COEFFICIENTS = np.linalg.inv(np.vander(_EXPONENTS - _BESIDE, increasing=True))
+#: Newton steps to an extremum or a crossing, of which the curve between three points is almost a parabola.
+_NEWTON = 4
 
 
 @dataclass(frozen=True)
@@ -66,16 +69,14 @@ def characteristic_frequencies(
     band : lowest and highest frequency where the curve is known, Hz
     """
     middle = float(np.sqrt(np.sqrt(pole.real * zero.real)) / (2 * np.pi))
-    curve = _Curve(admittance)
-    series = _Window.around(curve, pole, band, (0.0, middle))
-    parallel = _Window.around(curve, zero, band, (middle, np.inf))
-    fs, fm = curve.maxima(series, [_conductance, np.abs])
-    fp, fn = curve.maxima(parallel, [_resistance, _magnitude])
+    series = _Window.around(admittance, pole, band, (0.0, middle))
+    parallel = _Window.around(admittance, zero, band, (middle, np.inf))
+    fs, fm = (series.maximum(part) for part in (_conductance, np.abs))
+    fp, fn = (parallel.maximum(part) for part in (_resistance, _magnitude))
     found = {"fs": fs, "fp": fp, "fm": fm, "fn": fn}
-    found |= {"fr": curve.resonance(series, fs), "fa": curve.resonance(parallel, fp)}
-    found["Q_series"] = curve.quality(series, _conductance, fs)
-    found["Q_parallel"] = curve.quality(parallel, _resistance, fp)
-    return CharacteristicFrequencies(**found, Z_series=None if fm is None else float(_magnitude(curve.at(fm))))
+    found |= {"fr": series.resonance(fs), "fa": parallel.resonance(fp)}
+    found |= {"Q_series": series.quality(_conductance, fs), "Q_parallel": parallel.quality(_resistance, fp)}
+    return CharacteristicFrequencies(**found, Z_series=None if fm is None else series.at(fm, _magnitude))
 
 
 def _conductance(y: np.ndarray) -> np.ndarray:
@@ -97,75 +98,81 @@ def _reactance(y: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Window:
-    """A band about a pole or a zero: its bandwidth, Hz; frequencies (n,) over it, Hz; Y (n,) there. n may be 0."""
+    """An admittance in a band about a pole or a zero: evenly spaced frequencies (n,), Hz; Y (n,) there. n may be 0."""
 
-    width: float
     grid: np.ndarray
     values: np.ndarray
 
     @classmethod
-    def around(cls, curve: _Curve, value: complex, band: tuple[float, float], limits: tuple[float, float]) -> _Window:
+    def around(
+        cls, admittance: Admittance, value: complex, band: tuple[float, float], limits: tuple[float, float]
+    ) -> _Window:
         frequency = float(np.sqrt(value.real) / (2 * np.pi))
         width = max(float(value.imag / value.real), 1e-9) * frequency
         low = max(frequency - _REACH * width, band[0], limits[0])
         high = min(frequency + _REACH * width, band[1], limits[1])
         grid = np.linspace(low, high, _POINTS if low < high else 0)
-        return cls(width, grid, curve.at(grid))
+        return cls(grid, admittance(2 * np.pi * grid))
 
+    def maximum(self, part: Part) -> float | None:
+        """Frequency, Hz, at which a part is largest; None where that is an end of the window."""
+        if not self.grid.size:
+            return None
+        best = int(np.argmax(part(self.values)))
+        if not 0 < best < self.grid.size - 1:
+            return None
+        middle, coefficients = self._near(best, part)
+        return self._root(middle, _EXPONENTS[1:] * coefficients[1:], best)
 
-@dataclass(frozen=True)
-class _Curve:
-    """An admittance, evaluated at many points at once, which costs hardly more than at one."""
-
-    admittance: Admittance
-
-    def at(self, frequency: np.ndarray | float) -> np.ndarray:
-        """Y (…), siemens, at frequencies (…), Hz."""
-        given = np.asarray(frequency, dtype=float)
-        return self.admittance(2 * np.pi * given.ravel()).reshape(given.shape) if given.size else given.astype(complex)
-
-    def maxima(self, window: _Window, parts: list[Part]) -> list[float | None]:
-        """Frequency, Hz, at which each part is largest; None where that is an end of the window."""
-        if not window.grid.size:
-            return [None] * len(parts)
-        grid, best = window.grid, np.array([np.argmax(part(window.values)) for part in parts])
-        inside = (best > 0) & (best < grid.size - 1)
-        best, every = best.clip(1, grid.size - 2), np.arange(len(parts))
-        # offsets from a point of the grid resolve more finely than frequencies
-        low, high = grid[best - 1] - grid[best], grid[best + 1] - grid[best]
-        while np.max(high - low) > _CLOSE * window.width:
-            steps = low[:, None] + (high - low)[:, None] * _CLOSER
-            values = self.at(grid[best, None] + steps)
-            top = np.array([np.argmax(part(row)) for part, row in zip(parts, values, strict=True)])
-            low, high = steps[every, np.maximum(top - 1, 0)], steps[every, np.minimum(top + 1, _CLOSER.size - 1)]
-        found = grid[best] + (low + high) / 2
-        return [float(one) if ok else None for one, ok in zip(found, inside, strict=True)]
-
-    def resonance(self, window: _Window, near: float | None) -> float | None:
+    def resonance(self, near: float | None) -> float | None:
         """Frequency, Hz, nearest to `near` at which the reactance is zero; None where it is not zero in the window."""
         if near is None:
             return None
-        at = _changes(_reactance(window.values))
+        at = _changes(_reactance(self.values))
         if not at.size:
             return None
-        nearest = at[np.argmin(np.abs(window.grid[at] - near))]
-        return self._crossing(window, _reactance, nearest, 0.0)
+        return self._crossing(_reactance, int(at[np.argmin(np.abs(self.grid[at] - near))]), 0.0)
 
-    def quality(self, window: _Window, part: Part, peak: float | None) -> float | None:
+    def quality(self, part: Part, peak: float | None) -> float | None:
         """Frequency of the peak over its width at half height; None where the window holds only a part of it."""
         if peak is None:
             return None
-        half = float(part(self.at(peak))) / 2
-        at = _changes(part(window.values) - half)
-        below, above = at[window.grid[at] < peak], at[window.grid[at] >= peak]
+        half = self.at(peak, part) / 2
+        at = _changes(part(self.values) - half)
+        below, above = at[self.grid[at] < peak], at[self.grid[at] >= peak]
         if not below.size or not above.size:
             return None
-        low, high = (self._crossing(window, part, after, half) for after in (below[-1], above[0]))
+        low, high = (self._crossing(part, int(after), half) for after in (below[-1], above[0]))
         return peak / (high - low)
 
-    def _crossing(self, window: _Window, part: Part, after: int, value: float) -> float:
+    def at(self, frequency: float, part: Part) -> float:
+        """A part at a frequency of the window, Hz."""
+        place = (frequency - self.grid[0]) / self._step
+        middle, coefficients = self._near(int(np.rint(place)), part)
+        return float(coefficients @ (place - middle) ** _EXPONENTS)
+
+    def _crossing(self, part: Part, after: int, value: float) -> float:
         """Frequency, Hz, at which a part takes `value`, between the point `after` of the window and the next."""
-        return float(brentq(lambda f: float(part(self.at(f))) - value, *window.grid[after : after + 2], rtol=1e-14))
+        middle, coefficients = self._near(after, part)
+        coefficients[0] -= value
+        return self._root(middle, coefficients, after + 0.5)
+
+    def _near(self, point: int, part: Part) -> tuple[int, np.ndarray]:
+        """A part near a point as a polynomial in the steps of the window from another: this point, coefficients."""
+        middle = int(np.clip(point, _BESIDE, self.grid.size - 1 - _BESIDE))
+        return middle, _COEFFICIENTS @ part(self.values[middle - _BESIDE : middle + _BESIDE + 1])
+
+    def _root(self, middle: int, coefficients: np.ndarray, near: float) -> float:
+        """Frequency, Hz, of the root next to a place, in steps of the window, of such a polynomial, by Newton steps."""
+        slopes, at = _EXPONENTS[1 : coefficients.size] * coefficients[1:], near - middle
+        for _ in range(_NEWTON):
+            powers = at ** _EXPONENTS[: coefficients.size]
+            at -= np.clip(coefficients @ powers / (slopes @ powers[:-1]), -0.5, 0.5)
+        return float(self.grid[0] + self._step * (middle + at))
+
+    @property
+    def _step(self) -> float:
+        return float(np.ptp(self.grid) / (self.grid.size - 1))
 
 
 def _changes(values: np.ndarray) -> np.ndarray:

@@ -231,7 +231,7 @@ def test_six_frequencies_by_their_definitions():
     pole = (2 * np.pi * fs) ** 2 * (1 + 1j / quality)
     zero = 1.1 * pole
     found = characteristic_frequencies(lambda w: circuit(w / (2 * np.pi)), pole, zero, (80e3, 130e3))
-    assert found.fs == pytest.approx(fs, rel=1e-9)
+    assert found.fs == pytest.approx(fs, rel=1e-13)
     assert found.Q_series == pytest.approx(quality, rel=1e-5)
     assert found.Z_series == pytest.approx(np.abs(1 / circuit(np.array([found.fm]))[0]), rel=1e-12)
     grid = np.linspace(98e3, 108e3, 2_000_001)
