@@ -110,7 +110,7 @@ class RationalModel:
         gap, m = 1.0 / (self.poles - np.asarray(x)[:, None]), self.poles.size
         found = np.empty((len(gap), self.size), dtype=complex)
         found[:, :m], found[:, m : 2 * m] = -self.residues * gap**2, gap
-        found[:, 2 * m :] = _polynomials(x, self.background.size)
+        found[:, 2 * m :] = _polynomials(x, self.background.size).T
         return found
 
     def admittance(self, omega: np.ndarray) -> np.ndarray:
@@ -160,15 +160,15 @@ class RationalModel:
 def _series(x: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """Σ b_k T_k at x (…), real or complex."""
     if _is_sweep(x):
-        return _polynomials(x, coefficients.size) @ coefficients
+        return coefficients @ _polynomials(x, coefficients.size)
     return chebyshev.chebval(x, coefficients)
 
 
 def _polynomials(x: np.ndarray, count: int) -> np.ndarray:
-    """T_0 … T_(count−1) at x (n,) as (n, count); cached for the points of a sweep."""
+    """T_0 … T_(count−1) at x (n,) as (count, n); cached for the points of a sweep."""
     if _is_sweep(x):
-        return _kept_polynomials(x.tobytes(), max(count, _DEGREES))[:, :count]
-    return chebyshev.chebvander(x, count - 1)
+        return _kept_polynomials(x.tobytes(), max(count, _DEGREES))[:count]
+    return chebyshev.chebvander(x, count - 1).T
 
 
 def _is_sweep(x: np.ndarray) -> bool:
@@ -177,4 +177,4 @@ def _is_sweep(x: np.ndarray) -> bool:
 
 @lru_cache(maxsize=4)
 def _kept_polynomials(x: bytes, count: int) -> np.ndarray:
-    return chebyshev.chebvander(np.frombuffer(x), count - 1)
+    return np.array(chebyshev.chebvander(np.frombuffer(x), count - 1).T, dtype=complex, order="C")

@@ -152,7 +152,7 @@ class Fit:
         """Number of unknowns that the data determine, Σ (1 − posterior/prior variance) of independent combinations."""
         return float(np.sum(self._basis[: len(self._whitened.triangle)] ** 2))
 
-    @property
+    @made_once
     def noise_scale(self) -> float:
         """Most probable factor on the noise; with a discrepancy, at the estimate that a fit with it would have."""
         residual = self._rows[0]
@@ -394,9 +394,10 @@ def fit(
     """
     with blas_limit():
         best = descended(Posterior(response, data, parameters), starts, gain, loss)
-        slope = log_slope(response, parameters, best.x)
+        impedance = data.modelled(best.parts[0])
+        slope = log_slope(response, parameters, best.x, impedance)
         law = law_misses(response, data, parameters, best.x, best.parts[1])
-    return _at(best, slope, law)
+    return _at(best, impedance, slope, law)
 
 
 def closest(
@@ -411,8 +412,11 @@ def closest(
     return best.x, data.log_error(best.parts[0])
 
 
-def _at(descent: Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
-    """The fit at the end of a descent; law: (2k, m) whitened errors of laws, not yet weighted by the loss."""
+def _at(descent: Descent, impedance: np.ndarray, log_slope: np.ndarray, law: np.ndarray) -> Fit:
+    """The fit at the end of a descent, with Z (k,), ∂log Z/∂log f (k,) and the errors of laws there.
+
+    law : (2k, m) whitened, not yet weighted by the loss
+    """
     posterior = descent.posterior
     residual, jacobian, further_residual, further_jacobian = descent.parts
     weight = weight_of(descent.loss, residual / descent.level)
@@ -426,7 +430,7 @@ def _at(descent: Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
         further_residual=further_residual,
         further_jacobian=further_jacobian,
         log_slope=log_slope,
-        impedance=posterior.data.modelled(residual),
+        impedance=impedance,
         level=descent.level,
         loss=descent.loss,
         weight=weight,

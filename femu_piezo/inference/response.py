@@ -107,9 +107,12 @@ class Evaluation:
         with blas_limit():
             return _modal(model, collect(model, parameters, x, active, middle))
 
-    def terminals(self, parameters: Unknowns, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Complex ω (m,) → Z at the terminals, which vanishes at a pole and is infinite at a zero; laws as `modal`."""
-        frozen, modal = _frozen(active_effects(parameters, x)), self.modal(parameters, x)
+    def terminals(self, parameters: Unknowns, x: np.ndarray, modal: ModalModel) -> Callable[[np.ndarray], np.ndarray]:
+        """Complex ω (m,) → Z at the terminals, which vanishes at a pole and is infinite at a zero.
+
+        modal : of the body at x (n_x,), as by `modal`
+        """
+        frozen = _frozen(active_effects(parameters, x))
 
         def impedance(omega: np.ndarray) -> np.ndarray:
             at = replace(self, omega=omega)

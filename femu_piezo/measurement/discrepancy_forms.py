@@ -395,8 +395,8 @@ def _kept_at_places(frequencies: bytes, quality: float) -> tuple[np.ndarray, np.
 def _weighted_pairs(pairs: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Σ w conj(row) row (n, s, s) of pairs (n, s, s, k') as `Alternatives` keeps them, for real weights w (k')."""
     packed = (pairs.reshape(-1, weight.size) @ weight).reshape(pairs.shape[:3])
-    turned = packed.transpose(0, 2, 1)
-    return np.triu(packed) + np.tril(turned, -1) + 1j * (np.triu(turned, 1) - np.tril(packed, -1))
+    turned, below = packed.transpose(0, 2, 1), np.tri(packed.shape[1], k=-1, dtype=bool)
+    return np.where(below, turned, packed) + 1j * np.where(below, -packed, np.where(below.T, turned, 0.0))
 
 
 def _size(columns: np.ndarray, imaginary: float) -> float:

@@ -38,7 +38,7 @@ def matched_resonances(
             (kind, (data,), values[[dominant_index(values, amplitudes, near)]])
             for kind, _, values, amplitudes, data in kinds
         ]
-    result, impedance = [], evaluation.terminals(unknowns, x)
+    result, impedance = [], evaluation.terminals(unknowns, x, modal)
     for kind, data, values in pairs:
         roots = terminal_roots(impedance, kind, np.sqrt(values + 0j))
         result += [(r, Resonance(kind, complex(root**2))) for r, root in zip(data, roots, strict=True)]

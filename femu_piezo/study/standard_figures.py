@@ -27,6 +27,8 @@ from femu_piezo.study.simulate import simulate
 
 #: Factor of the expected frequency within which a pair may be the thickness or shear mode, and its least k_eff.
 _NEAR, _COUPLED = 1.2, 0.15
+#: Relative error of the rational function through a computed curve, far below what the figures resolve.
+_EXACT = 1e-9
 #: How far beyond the sweep a resonance of the model may lie.
 _BEYOND = 1.5
 #: Ratio of two dimensions from which a plate counts as wide.
@@ -61,7 +63,7 @@ def figures_of(
     """
     if not measured.holds_fundamental:
         return ()
-    model = RationalCurve(*curve)
+    model = RationalCurve(*curve, exact=_EXACT)
     return tuple(_figures(measured, piece, pair, constants, model) for piece, pair in _modes_told(measured, constants))
 
 

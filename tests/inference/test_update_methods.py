@@ -159,7 +159,8 @@ def test_slopes_of_terminal_roots_are_exact(lab, kind):
         modal = lab.evaluation.modal(unknowns, at)
         near = modal.eigenvalues if kind == "pole" else modal.zeros[0]
         start = near[np.argmin(np.abs(near - (2 * np.pi * FUNDAMENTAL) ** 2))]
-        return terminal_roots(lab.evaluation.terminals(unknowns, at), kind, np.sqrt(start[None] + 0j))
+        terminals = lab.evaluation.terminals(unknowns, at, lab.evaluation.modal(unknowns, at))
+        return terminal_roots(terminals, kind, np.sqrt(start[None] + 0j))
 
     slopes = root_slopes(lab.evaluation, unknowns, x, kind, root(x))[0]
     for column, name in enumerate(unknowns.names):

@@ -225,7 +225,8 @@ def _mode_residuals(
     sweep: MeasuredModes, use: np.ndarray, unknowns: Unknowns, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Whitened λ − λ' of the poles and zeros that are used, its slopes in x, and the errors of the mesh."""
-    modal, impedance = sweep.evaluation.modal(unknowns, x), sweep.evaluation.terminals(unknowns, x)
+    modal = sweep.evaluation.modal(unknowns, x)
+    impedance = sweep.evaluation.terminals(unknowns, x, modal)
     count = len(sweep.resonances.poles)
     kinds: tuple[tuple[Kind, tuple[Resonance, ...], np.ndarray, np.ndarray, np.ndarray], ...] = (
         ("pole", sweep.resonances.poles, use[:count], modal.eigenvalues, modal.charges),
