@@ -249,7 +249,7 @@ def standard_figures(
     material = {} if constants is None else material_figures(constants)
     deviations = _deviations(measured, pole, zero)
     names = [*measured.values, *(name for name in (model.values if model else {}) if name not in measured.values)]
-    by_formula = set(piece.figures(1.0, 1.2, 1.0)) if piece.kind != "other" else set()
+    by_formula = piece.figures(1.0, 1.2, 1.0)
     figures = []
     for name in sorted(names, key=list(MEANING).index):
         has_formula = name in by_formula and name in material
@@ -292,8 +292,8 @@ def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float
         note = "the sweep starts at a resonance, so it gives no capacitance and no figure that depends on it"
         return None, _Low(at, None, (note,))
     tangent = float(np.interp(at, frequency, y.real / y.imag)) if at <= _LOW * fs else None
-    if piece.kind == "thickness plate" and at > _LOW * fs:
-        note = f"lateral modes lie between {hertz(at)} Hz and the thickness mode, so the sweep gives no capacitance"
+    if piece.kind in ("thickness plate", "higher mode") and at > _LOW * fs:
+        note = "other modes lie below this one, and the sweep does not begin below them, so it gives no capacitance"
         return None, _Low(at, tangent, (note,))
     notes = ()
     if at != STATED:

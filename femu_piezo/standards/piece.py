@@ -22,7 +22,7 @@ from femu_piezo.standards.formulas import (
     transverse_share,
 )
 
-Kind = Literal["k31 bar", "k33 bar", "disk", "ring", "thickness plate", "shear plate", "other"]
+Kind = Literal["k31 bar", "k33 bar", "disk", "ring", "thickness plate", "shear plate", "other", "higher mode"]
 
 #: How each kind is spoken of, and the clause of IEEE Std 176-1987 with its formulas.
 WORDS: dict[str, str] = {
@@ -33,6 +33,7 @@ WORDS: dict[str, str] = {
     "thickness plate": "wide plate, thickness extension (IEEE 176-1987, 6.4.3)",
     "shear plate": "wide plate, thickness shear (IEEE 176-1987, 6.4.3)",
     "other": "any body: frequencies, quality and capacitance by their definitions (IEEE 176-1987, EN 50324-2)",
+    "higher mode": "a mode above the fundamental: frequencies and quality by their definitions (IEEE 176-1987)",
 }
 
 
@@ -82,7 +83,7 @@ class Piece:
     def figures(self, fs: float, fp: float, capacitance: float | None) -> dict[str, float]:
         """Name → value, SI: coupling, frequency constant, s, d, ε by the formulas; `capacitance` is C^T, F."""
         k2 = self.coupling(fs, fp)
-        if self.kind == "other" or not 0 < k2 < 1:
+        if self.kind in ("other", "higher mode") or not 0 < k2 < 1:
             return {}
         k, rho, size = float(np.sqrt(k2)), self.density, self.extent
         eps = None if capacitance is None or self.area is None else capacitance * self.gap / self.area

@@ -25,16 +25,17 @@ from femu_piezo.standards.piece import Piece, material_figures
 from femu_piezo.study.measured import Measured, Sweep, measure
 from femu_piezo.study.simulate import simulate
 
-#: Factor of the expected frequency within which a pair may be the thickness or shear mode, and its least k_eff.
-_NEAR, _COUPLED = 1.2, 0.15
+#: Factor of the expected frequency within which a pair may be the thickness or shear mode, and its least k_eff; factor
+#: within which the lowest pair of a sweep is the fundamental of its body.
+_NEAR, _COUPLED, _LOWEST = 1.2, 0.15, 1.5
 #: Relative error of the rational function through a computed curve, far below what the figures resolve.
 _EXACT = 1e-9
 #: How far beyond the sweep a resonance of the model may lie.
 _BEYOND = 1.5
 #: Ratio of two dimensions from which a plate counts as wide.
 _WIDE = 4.0
-#: A body of which the standards give no formula.
-_OTHER = Piece("other", 1.0, None, None, 1.0)
+#: A body, and a mode, of which the standards give no formula.
+_OTHER, _HIGHER = Piece("other", 1.0, None, None, 1.0), Piece("higher mode", 1.0, None, None, 1.0)
 
 
 def figures_of_specimen(specimen: Specimen, spectrum: Sweep | None = None) -> tuple[StandardFigures, ...]:
@@ -118,13 +119,14 @@ def _modes_told(measured: Measured, constants: PiezoConstants) -> list[tuple[Pie
         ]
         return max(near, key=lambda pair: pair.k_eff, default=None)
 
-    main = min(pieces, key=distance)
-    told = [(main[0], measured.pair)]
-    if main[0].kind == "shear plate":  # its modes begin with those of flexure, of which the formulas say nothing
-        shear = strongest(main[1])
-        told = [(_OTHER, measured.pair) if shear is None else (main[0], shear)]
+    main, lowest = min(pieces, key=distance)
+    # the modes of a shear plate begin with those of flexure, and a sweep may begin above the fundamental
+    is_lowest = main.kind != "shear plate" and distance((main, lowest)) < np.log(_LOWEST)
+    pair = measured.pair if is_lowest else strongest(lowest)
+    without = _HIGHER if measured.pair.pole.frequency_Hz > _LOWEST * lowest else _OTHER
+    told = [(without, measured.pair) if pair is None else (main, pair)]
     for piece, expected in pieces:
-        if piece is not main[0] and piece.kind == "thickness plate" and (found := strongest(expected)) is not None:
+        if piece is not main and piece.kind == "thickness plate" and (found := strongest(expected)) is not None:
             told.append((piece, found))
     return told
 

@@ -23,7 +23,7 @@ from femu_piezo.material.library import library_material
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.output.tables import deviation_percent, extraction_table
-from femu_piezo.specimen.file import CONSTANTS
+from femu_piezo.specimen.file import CONSTANTS, Simulation
 from femu_piezo.standards.figures import read_curve, standard_figures
 from femu_piezo.standards.frequencies import characteristic_frequencies
 from femu_piezo.standards.piece import Piece, material_figures
@@ -162,7 +162,7 @@ def test_thickness_mode_gives_stiffness_and_coupling():
     with pytest.raises(KeyError):
         found["C_T"]
     assert found.notes == (
-        "lateral modes lie between 1700000 Hz and the thickness mode, so the sweep gives no capacitance",
+        "other modes lie below this one, and the sweep does not begin below them, so it gives no capacitance",
     )
 
 
@@ -311,6 +311,22 @@ def plates(tmp_path_factory):
         write_spectrum(sweep, folder / "sweep.csv")
         found[width] = folder, fp.standard_figures(sweep, specimen)
     return found
+
+
+def test_a_sweep_above_the_fundamental_has_no_figures_of_a_bar(tmp_path):
+    """Its lowest mode is the third one, whose frequencies are known and of which the formulas of a bar say nothing."""
+    (tmp_path / "plate.toml").write_text(PLATE.format(width="3 mm"), encoding="utf-8")
+    specimen = fp.read_specimen(tmp_path / "plate.toml")
+    found = {}
+    for start in (30e3, 80e3):
+        wish = Simulation(start=start, stop=250e3, points=801)
+        sweep = fp.simulate(specimen.model_copy(update={"simulation": wish})).spectrum
+        found[start] = fp.standard_figures(sweep, specimen).modes[0]
+    whole, above = found.values()
+    assert whole["s11"].value == pytest.approx(16.5e-12, rel=0.01, abs=0)
+    assert above["fs"].value == pytest.approx(3 * whole["fs"].value, rel=0.01)
+    assert not {"k31", "s11", "d31", "C_T", "Qm_Z"} & {one.name for one in above.figures}
+    assert "other modes lie below" in above.notes[0] and "above the fundamental" in above.title
 
 
 @pytest.mark.slow
