@@ -13,15 +13,31 @@ from femu_piezo.geometry.curved_mesh import CurvedHexahedra
 _DEGENERATE = 1e-6
 
 
-def check_elements(mesh: skfem.Mesh, what: str = "the mesh") -> None:
-    """InputError where an element is inverted or has no volume, or where the mesh is not connected."""
-    mapping = mesh.mapping()
+def least_jacobian(mesh: skfem.Mesh) -> float:
+    """The least Jacobian determinant in an element over the mean of that element; 0 where one vanishes."""
+    try:
+        jacobian = _jacobian(mesh)
+    except ZeroDivisionError:
+        return 0.0
+    return float(np.min(jacobian / jacobian.mean(axis=1, keepdims=True)))
+
+
+def _jacobian(mesh: skfem.Mesh) -> np.ndarray:
+    """(m, n) determinants at points inside and at corners of every element; ZeroDivisionError where one vanishes."""
     points, _ = skfem.quadrature.get_quadrature(mesh.elem.refdom, 6)
     try:
-        jacobian = mapping.detDF(np.hstack([points, np.array(mesh.elem.refdom.p, dtype=float)]))
-    except Exception:  # skfem raises plain Exception for a determinant that is exactly zero
+        found = mesh.mapping().detDF(np.hstack([points, np.array(mesh.elem.refdom.p, dtype=float)]))
+    except Exception as error:  # skfem raises plain Exception for a determinant that is exactly zero
+        raise ZeroDivisionError(str(error)) from None
+    return np.broadcast_to(found, (mesh.nelements, found.shape[-1]))
+
+
+def check_elements(mesh: skfem.Mesh, what: str = "the mesh") -> None:
+    """InputError where an element is inverted or has no volume, or where the mesh is not connected."""
+    try:
+        jacobian = _jacobian(mesh)
+    except ZeroDivisionError:
         raise InputError(f"{what} has an element without volume; mesh it again, or more finely") from None
-    jacobian = np.broadcast_to(jacobian, (mesh.nelements, jacobian.shape[-1]))
     mean = np.abs(jacobian.mean(axis=1))
     if not np.all(np.isfinite(jacobian)) or not mean.max() > 0:
         raise InputError(f"{what} has elements without volume; are all its points in one plane?")

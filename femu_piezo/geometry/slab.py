@@ -21,7 +21,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.gmsh_session import mesh_drawing
 from femu_piezo.geometry.plane_mesh import labelled
-from femu_piezo.geometry.quality import check_electrodes, check_elements
+from femu_piezo.geometry.quality import check_electrodes, check_elements, least_jacobian
 from femu_piezo.geometry.regions import Circle, Footprint, Region
 from femu_piezo.geometry.round_body import divisions_for, round_domain
 from femu_piezo.geometry.shape import check_size, driven_mirrors, unit_direction
@@ -41,6 +41,10 @@ from femu_piezo.geometry.upper_face import UpperFace
 _ERROR_CONSTANT = 1e-3
 #: Least number of quadratic elements on a full circle.
 _PER_CIRCLE = 12
+#: Ways of gmsh to unfold curved elements (Mesh.HighOrderOptimize: none, elastic, optimisation), in the order in which
+#: they are tried, and the least Jacobian over its mean in an element that is enough. The last one succeeds where the
+#: second fails, but may end the whole process where that succeeds (gmsh 4.15).
+_OPTIMISERS = ((0, 0.1), (3, 1e-5), (1, -np.inf))
 #: Edge of tetrahedra at electrode rims over that of the others. The relative error of λ from the singularity there is a
 #: few 1e-4 with these tetrahedra and up to 1e-3 with quadratic hexahedra, whatever the accuracy asked for.
 _AT_RIMS = 0.25
@@ -451,11 +455,15 @@ def _from_gmsh(build: Callable[[object], None], edge: float, kind: str, more: di
         "Mesh.MeshSizeFromCurvature": _PER_CIRCLE,
         "Mesh.ElementOrder": 2,
         "Mesh.SecondOrderIncomplete": 0,
-        "Mesh.HighOrderOptimize": 1,
     }
-    raw = mesh_drawing(build, options | more, "the slab")
-    if {cell.type for cell in raw.cells} & {"wedge18", "hexahedron27", "tetra10"} != {kind}:
-        raise InputError(
-            'gmsh left elements of another kind than hexahedra in the slab; set elements = "tetrahedron" in [geometry]'
-        )
-    return skfem.io.meshio.from_meshio(raw, force_meshio_type=kind, ignore_orientation=True)
+    for optimiser, enough in _OPTIMISERS:
+        raw = mesh_drawing(build, options | more | {"Mesh.HighOrderOptimize": optimiser}, "the slab")
+        if {cell.type for cell in raw.cells} & {"wedge18", "hexahedron27", "tetra10"} != {kind}:
+            raise InputError(
+                "gmsh left elements of another kind than hexahedra in the slab; "
+                'set elements = "tetrahedron" in [geometry]'
+            )
+        mesh = skfem.io.meshio.from_meshio(raw, force_meshio_type=kind, ignore_orientation=True)
+        if least_jacobian(mesh) > enough:
+            break
+    return mesh
