@@ -121,8 +121,9 @@ def check_unknowns(unknowns: float, entries: float = 0.0) -> None:
     if not fits(unknowns, entries):
         many = f"{unknowns:.2g} unknowns" if unknowns > MOST_UNKNOWNS else f"{entries:.2g} entries in its matrices"
         raise InputError(
-            f"the mesh would have about {many}, too many to be solved; lower the highest frequency "
-            "(simulation.stop, --band of modes; is its unit right?) or ask for less accuracy (update.accuracy = 1e-3)"
+            f"the mesh would have about {many}, too many to be solved; lower the highest frequency (the end of the "
+            "sweep, simulation.stop, --band of modes; is its unit right?) or, of `simulate` and `modes`, ask for less "
+            "accuracy (update.accuracy = 1e-3)"
         )
 
 
