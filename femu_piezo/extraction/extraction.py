@@ -117,7 +117,7 @@ def _extract(
         spectrum=spectrum,
         used=used,
         resonances=replace(roots.inside, notes=tuple(f.sentence for f in ordered)),
-        pairs=pair(roots.inside),
+        pairs=pair(roots),
         outside=roots.outside,
         doubtful=roots.doubtful,
         impedance=impedance,

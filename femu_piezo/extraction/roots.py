@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -64,12 +64,15 @@ class Roots:
     """Sound resonances inside the sweep, the significant ones found outside it, and the doubtful ones inside.
 
     `outside` are extrapolations: their covariance holds only as far as the model does. `doubtful` are poles, then
-    zeros, that the evidence asks for and whose loss or residue is not known well enough.
+    zeros, that the evidence asks for and whose loss or residue is not known well enough. `unphysical` are those of the
+    model inside the sweep that no passive mode by itself has: of weak modes between a strong pole and its zero, and of
+    the background. They serve the matching alone.
     """
 
     inside: ResonanceSet
     outside: tuple[Resonance, ...]
     doubtful: tuple[Resonance, ...] = ()
+    unphysical: tuple[Resonance, ...] = ()
 
     def sound_and_doubtful(self, kind: Kind) -> tuple[Resonance, ...]:
         """The poles or zeros inside the sweep, sound and doubtful."""
@@ -106,9 +109,12 @@ def resonances(model: RationalModel, spread: Spread, band: tuple[float, float], 
     groups = _merged_poles(model) if systematic else [[m] for m in range(model.poles.size)]
     spans = [np.sort(model.axis.eigenvalue(model.poles[members]).real)[[0, -1]] for members in groups]
     zeros = [one for one in _zeros(model) if not any(low < one.eigenvalue.real < high for low, high in spans)]
-    physical = [root for root in [_pole(model, members) for members in groups] + zeros if _is_physical(root, model)]
+    roots = [_pole(model, members) for members in groups] + zeros
+    physical = [root for root in roots if _is_physical(root, model)]
     sound = [root for root in physical if _is_settled(root, spread)]
     every = interlaced([r for r in physical if band[0] <= _frequency(r) <= band[1]], _frequency)
+    lowest, highest = (2 * np.pi * np.array(band)) ** 2
+    others = [r for r in roots if lowest <= r.eigenvalue.real <= highest and not _is_physical(r, model)]
     settled = {id(root) for root in sound}  # by identity, as == would compare the arrays of roots
     inside = [r for r in every if id(r) in settled]
     doubtful = _with_covariance([r for r in every if id(r) not in settled], spread)
@@ -116,7 +122,12 @@ def resonances(model: RationalModel, spread: Spread, band: tuple[float, float], 
     far = [r for r in sound if not band[0] <= _frequency(r) <= band[1]]
     outside = [r for r in far if band[0] / 1.5 <= _frequency(r) <= band[1] * 1.5]
     far_poles, far_zeros, _ = _with_covariance(sorted(outside, key=_frequency), spread)
-    return Roots(ResonanceSet(inner_poles, inner_zeros, joint), far_poles + far_zeros, doubtful[0] + doubtful[1])
+    return Roots(
+        ResonanceSet(inner_poles, inner_zeros, joint),
+        far_poles + far_zeros,
+        doubtful[0] + doubtful[1],
+        tuple(Resonance(r.kind, r.eigenvalue, residue=r.residue) for r in others),
+    )
 
 
 def unsettled_modes(model: RationalModel, spread: Spread) -> list[int]:
@@ -124,18 +135,40 @@ def unsettled_modes(model: RationalModel, spread: Spread) -> list[int]:
     return [m for m in range(model.poles.size) if not _is_settled(_pole(model, [m]), spread)]
 
 
-def pair(found: ResonanceSet) -> tuple[Pair, ...]:
-    """Match poles with zeros so that Σ sqrt|f_zero − f_pole| is least.
+def pair(roots: Roots) -> tuple[Pair, ...]:
+    """Match poles with zeros so that Σ sqrt|s_zero − s_pole| is least, and tell the pairs of two sound ones.
 
     The concave cost pairs a weak mode with the zero right beside it even where it sits between the pole and
-    the zero of a strong one, where "next zero above" would swap them. Poles or zeros without partner stay
-    single.
+    the zero of a strong one, where "next zero above" would swap them. Doubtful and unphysical ones are matched too: the
+    zero of a doubtful pole may be sound, and is that of no other pole. Poles or zeros without partner stay single.
     """
-    if not found.poles or not found.zeros:
+    found = roots.inside
+    poles = roots.sound_and_doubtful("pole") + tuple(r for r in roots.unphysical if r.kind == "pole")
+    zeros = roots.sound_and_doubtful("zero")
+    if not poles or not zeros:
         return ()
-    gap = np.array([[z.frequency_Hz - p.frequency_Hz for z in found.zeros] for p in found.poles])
-    rows, columns = linear_sum_assignment(np.sqrt(np.abs(gap)))
-    return tuple(_coupled(found, i, j) for i, j in zip(rows, columns, strict=True))
+    zeros += _lacking(poles, zeros, [r for r in roots.unphysical if r.kind == "zero"])
+    rows, columns = linear_sum_assignment(np.sqrt(_distances(poles, zeros)))
+    sound = (rows < len(found.poles)) & (columns < len(found.zeros))
+    return tuple(_coupled(found, i, j) for i, j in zip(rows[sound], columns[sound], strict=True))
+
+
+def _lacking(
+    poles: Sequence[Resonance], zeros: Sequence[Resonance], unphysical: Sequence[Resonance]
+) -> tuple[Resonance, ...]:
+    """The unphysical zeros that make the zeros as many as the poles, those nearest to a pole first.
+
+    A weak mode has its zero right beside its pole; the others are of the background.
+    """
+    if len(zeros) >= len(poles) or not unphysical:
+        return ()
+    order = np.argsort(_distances(poles, unphysical).min(axis=0))
+    return tuple(unphysical[j] for j in order[: len(poles) - len(zeros)])
+
+
+def _distances(poles: Sequence[Resonance], zeros: Sequence[Resonance]) -> np.ndarray:
+    """|s_zero − s_pole|, rad/s, a row for each pole."""
+    return np.abs(np.array([zero.pole_s for zero in zeros]) - np.array([pole.pole_s for pole in poles])[:, None])
 
 
 def fundamental(pairs: tuple[Pair, ...]) -> Pair | None:

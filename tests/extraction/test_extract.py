@@ -139,6 +139,26 @@ def test_coupling_and_its_deviation():
     assert abs(pair.k_eff - truth) < 4 * pair.std_k_eff
 
 
+@pytest.mark.parametrize(
+    ("modes", "told", "zero_Hz"),
+    [
+        # a weak mode between the pole and the zero of a strong one: no passive mode by itself has its zero
+        ([(193.85e3, 0.0081, 0.113), (195.08e3, 0.0313, 0.02)], 0, 206.5e3),
+        # a weak mode below another: its pole is doubtful, its zero is not
+        ([(219.2e3, 0.0153, 0.0005), (220.39e3, 0.0132, 0.017), (242.42e3, 0.013, 0.094)], 1, 221.6e3),
+    ],
+)
+def test_a_mode_keeps_its_zero_beside_a_weak_one(modes, told, zero_Hz):
+    frequency = np.linspace(60e3, 300e3, 601)
+    square = (2 * np.pi * frequency) ** 2
+    eigenvalues = [(2 * np.pi * pole) ** 2 * (1 + 1j * loss) for pole, loss, _ in modes]
+    terms = [share * one.real / (one - square) for one, (*_, share) in zip(eigenvalues, modes, strict=True)]
+    z = 1 / (2j * np.pi * frequency * 1e-9 * (1 - 0.01j + sum(terms)))
+    found = extract(ImpedanceSpectrum(frequency, noisy(z, 1e-3, seed=1)))
+    pairs = {round(pair.pole.frequency_Hz / modes[told][0], 3): pair.zero.frequency_Hz for pair in found.pairs}
+    assert pairs[1.0] == pytest.approx(zero_Hz, rel=1e-3)
+
+
 @pytest.mark.parametrize(("tan_d31", "order", "remarks"), [(0.013, -1, 1), (0.0155, 0, 0), (0.02, 1, 1)])
 def test_coupling_phase_is_the_balance_of_the_losses(tan_d31, order, remarks):
     """k² = d²/(s ε) has the loss angle tan δ + tan φ − 2 tan θ, and so has k_eff² of the fundamental to first order."""
