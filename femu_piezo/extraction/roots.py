@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from typing import TypeVar
 
 import numpy as np
@@ -110,11 +111,12 @@ def resonances(model: RationalModel, spread: Spread, band: tuple[float, float], 
     spans = [np.sort(model.axis.eigenvalue(model.poles[members]).real)[[0, -1]] for members in groups]
     zeros = [one for one in _zeros(model) if not any(low < one.eigenvalue.real < high for low, high in spans)]
     roots = [_pole(model, members) for members in groups] + zeros
-    physical = [root for root in roots if _is_physical(root, model)]
+    passive = [_is_physical(root, model) for root in roots]
+    physical = list(compress(roots, passive))
     sound = [root for root in physical if _is_settled(root, spread)]
     every = interlaced([r for r in physical if band[0] <= _frequency(r) <= band[1]], _frequency)
     lowest, highest = (2 * np.pi * np.array(band)) ** 2
-    others = [r for r in roots if lowest <= r.eigenvalue.real <= highest and not _is_physical(r, model)]
+    others = [r for r, ok in zip(roots, passive, strict=True) if not ok and lowest <= r.eigenvalue.real <= highest]
     settled = {id(root) for root in sound}  # by identity, as == would compare the arrays of roots
     inside = [r for r in every if id(r) in settled]
     doubtful = _with_covariance([r for r in every if id(r) not in settled], spread)
@@ -147,13 +149,13 @@ def pair(roots: Roots) -> tuple[Pair, ...]:
     zeros = roots.sound_and_doubtful("zero")
     if not poles or not zeros:
         return ()
-    zeros += _lacking(poles, zeros, [r for r in roots.unphysical if r.kind == "zero"])
+    zeros += _missing_zeros(poles, zeros, [r for r in roots.unphysical if r.kind == "zero"])
     rows, columns = linear_sum_assignment(np.sqrt(_distances(poles, zeros)))
     sound = (rows < len(found.poles)) & (columns < len(found.zeros))
     return tuple(_coupled(found, i, j) for i, j in zip(rows[sound], columns[sound], strict=True))
 
 
-def _lacking(
+def _missing_zeros(
     poles: Sequence[Resonance], zeros: Sequence[Resonance], unphysical: Sequence[Resonance]
 ) -> tuple[Resonance, ...]:
     """The unphysical zeros that make the zeros as many as the poles, those nearest to a pole first.

@@ -10,7 +10,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.geometry.curved_mesh import CurvedHexahedra
 
 #: An element whose Jacobian falls below this share of the mean over the element is degenerate.
-_DEGENERATE = 1e-6
+DEGENERATE = 1e-6
 
 
 def least_jacobian(mesh: skfem.Mesh) -> float:
@@ -42,7 +42,7 @@ def check_elements(mesh: skfem.Mesh, what: str = "the mesh") -> None:
     if not np.all(np.isfinite(jacobian)) or not mean.max() > 0:
         raise InputError(f"{what} has elements without volume; are all its points in one plane?")
     sign = np.sign(jacobian.mean(axis=1))
-    bad = np.flatnonzero((np.min(jacobian * sign[:, None], axis=1) < _DEGENERATE * mean) | (mean < 1e-9 * mean.max()))
+    bad = np.flatnonzero((np.min(jacobian * sign[:, None], axis=1) < DEGENERATE * mean) | (mean < 1e-9 * mean.max()))
     if bad.size:
         x, y, z = mesh.p[:, mesh.t[: mesh.elem.refdom.nnodes, bad[0]]].mean(axis=1)
         raise InputError(

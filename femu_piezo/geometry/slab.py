@@ -21,7 +21,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.gmsh_session import mesh_drawing
 from femu_piezo.geometry.plane_mesh import labelled
-from femu_piezo.geometry.quality import check_electrodes, check_elements, least_jacobian
+from femu_piezo.geometry.quality import DEGENERATE, check_electrodes, check_elements, least_jacobian
 from femu_piezo.geometry.regions import Circle, Footprint, Region
 from femu_piezo.geometry.round_body import divisions_for, round_domain
 from femu_piezo.geometry.shape import check_size, driven_mirrors, unit_direction
@@ -44,7 +44,7 @@ _PER_CIRCLE = 12
 #: Ways of gmsh to unfold curved elements (Mesh.HighOrderOptimize: none, elastic, optimisation), in the order in which
 #: they are tried, and the least Jacobian over its mean in an element that is enough. The last one succeeds where the
 #: second fails, but may end the whole process where that succeeds (gmsh 4.15).
-_OPTIMISERS = ((0, 0.1), (3, 1e-5), (1, -np.inf))
+_OPTIMISERS = ((0, 0.1), (3, DEGENERATE), (1, -np.inf))
 #: Edge of tetrahedra at electrode rims over that of the others. The relative error of λ from the singularity there is a
 #: few 1e-4 with these tetrahedra and up to 1e-3 with quadratic hexahedra, whatever the accuracy asked for.
 _AT_RIMS = 0.25

@@ -299,7 +299,11 @@ def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float
     if at != STATED:
         covered = frequency[0] <= STATED <= frequency[-1]
         why = "1 kHz is not far below the resonance" if covered else "the sweep does not include 1 kHz"
-        way = "the formula of the body" if piece.kind not in ("other", "thickness plate") else "that of a single mode"
+        way = (
+            "the formula of the body"
+            if piece.kind not in ("other", "higher mode", "thickness plate")
+            else "that of a single mode"
+        )
         notes = (f"{why}: the capacitance at {hertz(at)} Hz was extrapolated there by {way}",)
     return capacitance / piece.share(at, fs, fp), _Low(at, tangent, notes)
 

@@ -119,14 +119,15 @@ def _modes_told(measured: Measured, constants: PiezoConstants) -> list[tuple[Pie
         ]
         return max(near, key=lambda pair: pair.k_eff, default=None)
 
-    main, lowest = min(pieces, key=distance)
+    nearest = min(pieces, key=distance)
+    main, expected = nearest
     # the modes of a shear plate begin with those of flexure, and a sweep may begin above the fundamental
-    is_lowest = main.kind != "shear plate" and distance((main, lowest)) < np.log(_LOWEST)
-    pair = measured.pair if is_lowest else strongest(lowest)
-    without = _HIGHER if measured.pair.pole.frequency_Hz > _LOWEST * lowest else _OTHER
-    told = [(without, measured.pair) if pair is None else (main, pair)]
-    for piece, expected in pieces:
-        if piece is not main and piece.kind == "thickness plate" and (found := strongest(expected)) is not None:
+    is_fundamental = main.kind != "shear plate" and distance(nearest) < np.log(_LOWEST)
+    pair = measured.pair if is_fundamental else strongest(expected)
+    without_formula = _HIGHER if measured.pair.pole.frequency_Hz > _LOWEST * expected else _OTHER
+    told = [(without_formula, measured.pair) if pair is None else (main, pair)]
+    for piece, frequency in pieces:
+        if piece is not main and piece.kind == "thickness plate" and (found := strongest(frequency)) is not None:
             told.append((piece, found))
     return told
 
