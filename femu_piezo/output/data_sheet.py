@@ -26,8 +26,9 @@ _DARK, _ACCENT = "#222222", "#c0392b"
 _TOP, _CURVES, _NOTES, _STEP, _SIZE, _HEAD = 0.905, 0.37, 0.145, 0.0145, 7.6, 3.3
 #: Figures of the modes after the fundamental that the sheet states.
 _OF_FURTHER_MODES = ("fs", "fp", "k_eff", "Qm_pole", "kt", "Nt", "c33", "c33D")
-#: Characters of a name in large letters; characters of a line of notes, and the lines of notes that have room.
-_NAME, _WIDTH, _LINES = 48, 130, 8
+#: Characters of a name, and of the title of a table, in letters of full size; characters of a line of notes, and the
+#: lines of notes that have room.
+_NAME, _TITLE, _WIDTH, _LINES = 48, 88, 130, 8
 
 
 def data_sheet(result: UpdateResult, index: int = 0) -> Figure:
@@ -105,7 +106,7 @@ def _figures(modes: Sequence[StandardFigures]) -> list[tuple[str, ...]]:
 def _table(page: Figure, top: float, step: float, title: str, headings: Sequence[str], rows) -> None:
     """Rows of text, `step` of the page apart: names and words to the left, numbers to the right."""
     left, size = 0.07, _SIZE * step / _STEP
-    page.text(left, top, title, size=9.5, weight="bold", color=_DARK)
+    page.text(left, top, title, size=9.5 * _TITLE / max(_TITLE, len(title)), weight="bold", color=_DARK)
     places = {4: (0.0, 0.30, 0.48, 0.50), 5: (0.0, 0.27, 0.46, 0.55, 0.57)}[len(headings)]
     sides = ("left", "right", "right", *(("left",) if len(headings) == 4 else ("right", "left")))
     for line, row in enumerate([headings, *rows]):
@@ -125,7 +126,7 @@ def _curves(page: Figure, outcome: Outcome, top: float) -> None:
     draw_impedance(magnitude, phase, x, curves)
     for axes in (magnitude, phase):
         axes.set(xscale=scale, xlabel=label)
-        axes.tick_params(labelsize=7)
+        axes.tick_params(which="both", labelsize=7)
         axes.xaxis.label.set_size(8)
         axes.yaxis.label.set_size(8)
     magnitude.legend(frameon=False, fontsize=7, loc="best")

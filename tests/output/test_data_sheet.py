@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import femu_piezo as fp
 from femu_piezo.output.data_sheet import as_pdf, data_sheet
+from femu_piezo.standards.piece import WORDS
 from tests.commands import invoked, succeeded
 
 SPEC = Path(__file__).resolve().parents[2] / "tutorials" / "k31_plate" / "plate.toml"
@@ -68,6 +69,16 @@ def test_a_long_name_and_the_notes_end_at_the_right_margin(result):
     for text, box in _boxes(page)[0]:
         assert box.x1 < right, text
         assert not any(line.startswith("%") for line in text.splitlines()), text
+
+
+@pytest.mark.parametrize("title", WORDS.values())
+def test_the_title_of_every_kind_of_mode_ends_at_the_right_margin(result, title):
+    named = replace(result)
+    named.__dict__["figures"] = ((replace(result.figures[0][0], title=title),),)
+    page = data_sheet(named)
+    right = 0.935 * page.canvas.get_width_height()[0]
+    (box,) = (box for text, box in _boxes(page)[0] if text == f"Standard figures: {title}")
+    assert box.x1 < right
 
 
 def test_one_page_of_pdf(result):
