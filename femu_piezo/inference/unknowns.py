@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import accumulate
+from itertools import accumulate, islice
 from typing import Protocol
 
 import numpy as np
@@ -27,6 +27,9 @@ from femu_piezo.errors import InputError
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.simplified import Poling, simplify
 from femu_piezo.threads import made_once
+
+#: Relative range of the held constants that a basis for effects is trained for.
+_HELD_SPREAD = 0.1
 
 
 @dataclass(frozen=True)
@@ -153,6 +156,20 @@ class FreeConstants:
             sample = self.constants(theta.real * (1 + spread * rng.choice([-1.0, 1.0], theta.size))).lossless()
             if not sample.physical_faults():
                 sets.append(sample)
+        return sets
+
+    def training_for_effects(self, constants: PiezoConstants, spread: float = 0.05) -> list[PiezoConstants]:
+        """Sets at which a basis learns to follow effects: they deform the fields in ways of their own.
+
+        `constants` with their losses, corners of the range ± spread of the free ones, and each held constant moved one
+        way. The reduction also watches the error at every set mirrored at the first.
+        """
+        lossless = constants.lossless()
+        sets = [constants, *self.training_sets(self.start, spread, 4)[1:]]
+        for name, value in lossless.as_dict().items():
+            if name not in self.names and value != 0:
+                moved = (lossless.with_values(**{name: value * (1 + sign * _HELD_SPREAD)}) for sign in (1, -1))
+                sets += islice((item for item in moved if not item.physical_faults()), 1)
         return sets
 
     def at(self, theta: np.ndarray) -> FreeConstants:

@@ -16,10 +16,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.errors import InputError
 from femu_piezo.specimen.file import Specimen
-from femu_piezo.study.effects import effects_as_simulated, simulated_with_effects
+from femu_piezo.study.effects import effects_as_simulated, model_with_effects, simulated_with_effects
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.simulate import sweep_frequencies
 
@@ -71,8 +70,7 @@ class Piece:
         self._known = effects_as_simulated(self._problem, (float(band[0]), float(band[1])))
         top = _BEYOND * float(band[1])
         model = self._problem.model(self._problem.equivalent_frequency(top, _ACCURACY), _ACCURACY)
-        effects = [effect for effect, _ in self._known]
-        self._model = extend_model(model, [self._problem.fitted], effects, top, accuracy=_ACCURACY / 10)
+        self._model = model_with_effects(self._problem, model, (float(band[0]), top), self._known, _ACCURACY / 10)
         self._reference = np.linspace(*band, _REFERENCE)
         self._capacitance = self._capacitance_at_end()
         tangent = self._problem.fitted.tangent("s11" if self._problem.plate.poling == "thickness" else "s33")

@@ -129,6 +129,35 @@ def effects_as_simulated(
     return known_effects(problem, expected_context(problem, band_Hz), effects, fitted=True)
 
 
+def model_with_effects(
+    problem: Problem,
+    model: ElectroelasticModel,
+    band_Hz: tuple[float, float],
+    known: Sequence[tuple[Effect, np.ndarray]],
+    accuracy: float = 1e-5,
+) -> ExtendedModel:
+    """A model reduced so that it serves the constants `Problem.fitted`, and effects with their values, over a band.
+
+    accuracy : aimed-for relative error of Z by the reduction
+    """
+    constants = problem.fitted
+    training = problem.free(constants).training_for_effects(constants)
+    training += [PiezoConstants.from_vector(one) for one in _changed_constants(constants, known, np.array(band_Hz))]
+    return extend_model(model, training, [effect for effect, _ in known], band_Hz[1], accuracy=accuracy)
+
+
+def _changed_constants(
+    constants: PiezoConstants, known: Sequence[tuple[Effect, np.ndarray]], frequency: np.ndarray
+) -> np.ndarray:
+    """d-form constants (k, 10) that effects leave at frequencies (k,), Hz."""
+    theta = np.tile(constants.vector(), (frequency.size, 1))
+    none = np.zeros((*theta.shape, 0), dtype=complex)
+    for effect, values in sorted(known, key=lambda item: item[0].place):
+        if effect.constants is not None:
+            theta = effect.constants(theta, none, 2 * np.pi * frequency, values)[0]
+    return theta
+
+
 def simulated_with_effects(
     problem: Problem,
     model: ElectroelasticModel | ExtendedModel,
@@ -140,7 +169,7 @@ def simulated_with_effects(
     known : effects with their values (`effects_as_simulated`);  model : full, or reduced so that it serves them
     """
     if isinstance(model, ElectroelasticModel):
-        model = extend_model(model, [problem.fitted], [effect for effect, _ in known], float(frequency[-1]))
+        model = model_with_effects(problem, model, (float(frequency[0]), float(frequency[-1])), known)
     free = problem.free(problem.fitted)
     material = MaterialParameters.around(free, free.start)
     unknowns = Unknowns(material, material_prior(free, {}, {}), fixed=tuple(known))
@@ -152,12 +181,10 @@ def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray
 
     Also the names of the effects that change none of these, such as circuits and terms on the mesh.
     """
-    constants, stretch, density = problem.fitted.vector()[None], np.ones(3), problem.density
+    (constants,) = _changed_constants(problem.fitted, known, np.array([problem.expected_pole_Hz]))
+    stretch, density = np.ones(3), problem.density
     reshaped: dict[str, float] = {}
-    omega, none = 2 * np.pi * np.array([problem.expected_pole_Hz]), np.zeros((1, constants.size, 0), dtype=complex)
     for effect, values in sorted(known, key=lambda item: item[0].place):
-        if effect.constants is not None:
-            constants = effect.constants(constants, none, omega, values)[0]
         if effect.stretch is not None:
             stretch = stretch * effect.stretch(values)[0]
         if effect.reshaping is not None:
@@ -173,6 +200,6 @@ def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray
         name: getattr(geometry, name) * stretch[along[0]] * reshaped.get(name, 1.0) for name, along in axes.items()
     }
     plate = shape_of(problem.specimen.model_copy(update={"geometry": geometry.model_copy(update=sizes)}))
-    body = replace(problem, plate=plate, constants=PiezoConstants.from_vector(constants[0]), density=float(density))
+    body = replace(problem, plate=plate, constants=PiezoConstants.from_vector(constants), density=float(density))
     hooks = ("constants", "stretch", "density", "reshaping")
     return body, tuple(effect.name for effect, _ in known if all(getattr(effect, hook) is None for hook in hooks))

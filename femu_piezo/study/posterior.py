@@ -6,7 +6,6 @@ Several sweeps of one specimen have one mesh and one basis.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import islice
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -20,7 +19,7 @@ from femu_piezo.inference.ensemble import Ensemble, together
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.many_modes import ManyModes
-from femu_piezo.inference.unknowns import FreeConstants, Unknowns
+from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Update
@@ -34,8 +33,8 @@ from femu_piezo.threads import made_once
 #: and the ranges they are kept in.
 _MESH_SHARE, _MESH_RANGE = 1 / 60, (LEAST_ERROR / 5, 1e-4)
 _BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
-#: Relative range of the free and of the held constants that a basis is trained for; it serves results within `CLOSE`.
-_FREE_SPREAD, _HELD_SPREAD = 0.05, 0.1
+#: Relative range of the free constants that a basis is trained for; it serves results within `CLOSE`.
+_FREE_SPREAD = 0.05
 #: Growth of the range of the free constants with half the range of temperatures, relative, 1/K.
 _PER_KELVIN = 3e-3
 #: Most bases made: a fit that leaves the second one as well follows a misfit, and its constants are not the specimen's.
@@ -140,7 +139,7 @@ class Posterior:
         self._clock.step("reduce")
         self._around = self.bases.around(self.problem, constants)
         spread = _FREE_SPREAD + _PER_KELVIN * max(one.context.conditions.span_K for one in self.several)
-        training = _training(self._around, self.problem.free(self._around), spread)
+        training = self.problem.free(self._around).training_for_effects(self._around, spread)
         self.models = self._of_pieces(lambda number, several: self._reduced(full[number], number, several, training))
 
     def _serves(self, constants: PiezoConstants) -> bool:
@@ -248,17 +247,3 @@ def mesh_error_at(one: Subject, model: ExtendedModel, frequency: np.ndarray) -> 
 
 def _share_of_noise(several: Sequence[Subject], share: float, limits: tuple[float, float]) -> float:
     return float(np.clip(min(np.median(one.noise) for one in several) * share, *limits))
-
-
-def _training(constants: PiezoConstants, free: FreeConstants, spread: float) -> list[PiezoConstants]:
-    """The start with its losses, corners of the range of the free constants, and each held constant moved one way.
-
-    The reduction also watches the error at every point mirrored at the start.
-    """
-    lossless = constants.lossless()
-    sets = [constants, *free.training_sets(free.start, spread, 4)[1:]]
-    for name, value in lossless.as_dict().items():
-        if name not in free.names and value != 0:
-            moved = (lossless.with_values(**{name: value * (1 + sign * _HELD_SPREAD)}) for sign in (1, -1))
-            sets += islice((item for item in moved if not item.physical_faults()), 1)
-    return sets

@@ -18,7 +18,6 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.measurement.sweeps import SweepData
-from femu_piezo.study.posterior import _training
 from tests.materials import LOSSY
 
 SIZE, DENSITY = (12e-3, 6.5e-3, 1.5e-3), 7500.0
@@ -76,7 +75,7 @@ class Setup(ReducedBody):
             training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
             training += [constants.lossless().with_values(s12=1.08 * constants.s12.real)]
         else:
-            training = _training(constants, free, 0.05)
+            training = free.training_for_effects(constants)
         self.model = extend_model(model, training, list(self.library.values()), FREQUENCY[-1], accuracy=1e-5)
         self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)
 
