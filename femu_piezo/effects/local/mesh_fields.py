@@ -115,18 +115,22 @@ class MeshFields(Fields):
         return (letters(flipped) or UNDRIVEN, *local[: local.index(name)])
 
     def count_of_further(self, name: str) -> int:
-        """Number of unknowns of a sector beyond the driven one."""
+        """Number of displacement unknowns of a sector beyond the driven one."""
         return self.of(name).shape[2]
+
+    def potentials(self, name: str) -> int:
+        """Number of potential unknowns of a sector."""
+        return super().potentials(name) if name in (DRIVEN, SPOT) else self._potentials(name).shape[2]
 
     def class_of(self, name: str) -> Flipped:
         """`flipped_axes` of the sector."""
         return flipped_axes(name)
 
     def fields(self, names: Iterable[str]) -> np.ndarray:
-        """(4, n, k) of the unknowns of some sectors, in the order of `names`; last the potentials of the driven one."""
-        names = tuple(names)
-        parts = [self.of(name) for name in self.names if name in names]
-        return np.concatenate([*parts, self._potentials] if DRIVEN in names else parts, axis=2)
+        """(4, n, k) of the unknowns of some sectors, displacements first, in the order of `Sectors`."""
+        names = set(names)
+        chosen = [name for name in self.names if name in names]
+        return np.concatenate([*map(self.of, chosen), *map(self._potentials, reversed(chosen))], axis=2)
 
     def projected(self, names: tuple[str, ...], tensors: Sequence[np.ndarray]) -> np.ndarray:
         """(n, k, k) forms of extended tensors on the sectors of one class."""
@@ -172,12 +176,13 @@ class MeshFields(Fields):
             return self._driven[:, :, : self.reduced.displacements]
         if name == SPOT:
             return np.zeros((FIELDS, self.model.basis.N, 3))
-        return self._class(flipped_axes(name))[name]
+        return self._class(flipped_axes(name))[name][0]
 
-    @property
-    def _potentials(self) -> np.ndarray:
-        """(4, n, k) of the inner potentials, and of the hot potential last."""
-        return self._driven[:, :, self.reduced.displacements :]
+    def _potentials(self, name: str) -> np.ndarray:
+        """(4, n, k) of a sector's potential unknowns, without displacement; of the driven one the hot one last."""
+        if name == DRIVEN:
+            return self._driven[:, :, self.reduced.displacements :]
+        return self.of(name)[:, :, :0] if name == SPOT else self._class(flipped_axes(name))[name][1]
 
     @made_once
     def _driven(self) -> np.ndarray:
@@ -204,22 +209,27 @@ class MeshFields(Fields):
 
         return spla.LinearOperator((3 * model.basis.N,) * 2, matvec=times, matmat=times, dtype=float)
 
-    def _class(self, flipped: Flipped) -> dict[str, np.ndarray]:
-        """Name → fields (4, n, k) of every sector of a parity class: its modes and local responses."""
+    def _class(self, flipped: Flipped) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Name → displacement and potential unknowns (4, n, k) of every sector of a parity class."""
         return self._once.get(flipped, lambda: self._new_class(flipped))
 
-    def _new_class(self, flipped: Flipped) -> dict[str, np.ndarray]:
+    def _new_class(self, flipped: Flipped) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """As `_class`, made: all sectors at once, as the factor of the class is too large to keep."""
-        local, found, known = self._local[flipped], {}, self.of(DRIVEN)
+        local, moved, alone = self._local[flipped], self.of(DRIVEN), self._potentials(DRIVEN)
         respond = self._responding(flipped) if local else None
+        none, found = alone[:, :, :0], {}
         if flipped:
-            known = found[letters(flipped)] = self._modes(flipped, respond)
+            moved, alone = self._modes(flipped, respond), none
+            found[letters(flipped)] = moved, none
         elif UNDRIVEN in self.names:
-            found[UNDRIVEN] = self._outside(self._modes(flipped, respond), known, _OUTSIDE_DRIVEN)
-            known = np.concatenate([known, found[UNDRIVEN]], axis=2)
+            fresh = self._outside(self._modes(flipped, respond), moved, _OUTSIDE_DRIVEN)
+            found[UNDRIVEN], moved = (fresh, none), np.concatenate([moved, fresh], axis=2)
         for name in local:
-            found[name] = self._outside(respond(self._loads(name.split()[-1], flipped)), known)
-            known = np.concatenate([known, found[name]], axis=2)
+            responses = respond(self._loads(name.split()[-1], flipped))
+            fresh = self._outside(responses, moved)
+            moved = np.concatenate([moved, fresh], axis=2)
+            charged = self._charged(responses, moved, alone)
+            found[name], alone = (fresh, charged), np.concatenate([alone, charged], axis=2)
         return found
 
     def _modes(self, flipped: Flipped, respond: Response | None) -> np.ndarray:
@@ -252,3 +262,39 @@ class MeshFields(Fields):
         # the potentials follow the same combinations
         mix = np.linalg.lstsq(fresh.T @ (self.mass @ outside[:n]), np.eye(fresh.shape[1]), rcond=1e-10)[0]
         return np.concatenate([fresh, outside[n:] @ mix]).reshape(FIELDS, n // 3, fresh.shape[1])
+
+    def _charged(self, responses: np.ndarray, moved: np.ndarray, alone: np.ndarray) -> np.ndarray:
+        """(4, n, k) potentials of responses (4n, j) that come neither with displacements nor alone yet.
+
+        A field along the poling that a varying coupling makes moves next to nothing. Potentials whose energy is below
+        `_KEEP`² of the largest of a response are left out.
+
+        Parameters
+        ----------
+        moved : (4, n, i) displacement unknowns of the class;  alone : (4, n, l) its potential unknowns
+        """
+        n, (flat, old) = self.mass.shape[0], (one.reshape(len(responses), one.shape[2]) for one in (moved, alone))
+        rest = responses - flat @ (flat[:n].T @ (self.mass @ responses[:n]))
+        rest[:n] = 0.0
+        largest, size = (np.sqrt(np.max(self._energy(fields).diagonal())) for fields in (responses, rest))
+        if size <= _KEEP * largest:
+            return alone[:, :, :0]
+        old = np.linalg.solve(np.linalg.cholesky(self._energy(old)), old.T).T
+        fresh = new_directions(old, rest, _KEEP * largest / size, self._uncoupled)
+        return fresh.reshape(FIELDS, n // 3, fresh.shape[1])
+
+    @made_once
+    def _uncoupled(self) -> spla.LinearOperator:
+        """(4n, 4n) twice the elastic and dielectric energy without piezoelectric coupling, positive semidefinite."""
+        tensor = np.tensordot(self.constants.vector().real, self.model.unit_tensors, axes=1)
+        tensor[:3, :, 3], tensor[3, :, :3], tensor[3, :, 3] = 0.0, 0.0, -tensor[3, :, 3]
+
+        def times(fields: np.ndarray) -> np.ndarray:
+            parts = fields.reshape(FIELDS, self.model.basis.N, -1)
+            return self.model.products.applied([tensor], parts)[0].reshape(fields.shape)
+
+        return spla.LinearOperator((FIELDS * self.model.basis.N,) * 2, matvec=times, matmat=times, dtype=float)
+
+    def _energy(self, fields: np.ndarray) -> np.ndarray:
+        """(k, k) of fields (4n, k) in `_uncoupled`."""
+        return fields.T @ (self._uncoupled @ fields)

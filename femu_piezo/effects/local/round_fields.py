@@ -116,7 +116,7 @@ class RoundFields(Fields):
         return (ORDERS[order], *(kind for kind, m in COUPLED.items() if name == RIMS and m == order))
 
     def count_of_further(self, name: str) -> int:
-        """Number of unknowns of a sector beyond the driven one."""
+        """Number of displacement unknowns of a sector beyond the driven one."""
         return sum(one.fields.shape[1] for one in self._modes(name))
 
     def class_of(self, name: str) -> Hashable:
@@ -185,7 +185,7 @@ class RoundFields(Fields):
         film = electrode_film(self.order(0).electrode_faces)
         before, after = ([one.fields for name in names for one in self._displacements(name)] for names in (left, right))
         found = np.hstack(before).T @ (film @ np.hstack(after))
-        added = [(0, self.potentials * (DRIVEN in names)) for names in (left, right)]
+        added = [(0, sum(self.potentials(name) for name in names)) for names in (left, right)]
         return np.pad(found, added)
 
     def _displacements(self, name: str) -> list[_Modes]:

@@ -3,8 +3,9 @@
 The driven class alone serves every effect that keeps the symmetry of the body; a further sector holds modes of other
 classes, or the local response of a class to what an effect does. No operator of the body itself couples two classes.
 A vector of a further sector is a displacement together with its potential at the reference constants; it changes Z in
-second order only. "spot" has three unknowns without field or inertia, the displacement of a body that is attached at a
-place. `Fields` says which sectors a kind of body has; plates: `box_fields`, disks and rings: `round_fields`.
+second order only. Where a local response is a field rather than a movement, its sector has potentials by themselves
+too. "spot" has three unknowns without field or inertia, the displacement of a body that is attached at a place.
+`Fields` says which sectors a kind of body has; plates: `box_fields`, disks and rings: `round_fields`.
 """
 
 from __future__ import annotations
@@ -47,10 +48,9 @@ class Fields(ABC):
     reduced: ReducedModel
     reference: PiezoConstants
 
-    @property
-    def potentials(self) -> int:
-        """Number of potential unknowns: the inner ones and the hot one."""
-        return self.reduced.size - self.reduced.displacements
+    def potentials(self, name: str) -> int:
+        """Number of potential unknowns of a sector; of the driven one the inner potentials and the hot one."""
+        return self.reduced.size - self.reduced.displacements if name == DRIVEN else 0
 
     def chosen(self, wanted: Iterable[str]) -> tuple[str, ...]:
         """Names of the driven sector, the wanted ones and those `needed_by` these, in the order of `names`."""
@@ -79,7 +79,7 @@ class Fields(ABC):
 
     @abstractmethod
     def count_of_further(self, name: str) -> int:
-        """Number of unknowns of a sector beyond the driven one."""
+        """Number of displacement unknowns of a sector beyond the driven one."""
 
     @abstractmethod
     def class_of(self, name: str) -> Hashable:
@@ -90,7 +90,7 @@ class Fields(ABC):
 
     @abstractmethod
     def projected(self, names: tuple[str, ...], tensors: Sequence[np.ndarray]) -> np.ndarray:
-        """(n, k, k) forms of extended tensors on the sectors of one class; potentials come with the driven one."""
+        """(n, k, k) forms of extended tensors on the sectors of one class."""
 
     @abstractmethod
     def extra(self, names: tuple[str, ...], term: ExtraTerm, matrix: sp.spmatrix) -> np.ndarray:
@@ -114,7 +114,9 @@ class Fields(ABC):
 
 @dataclass(frozen=True)
 class Sectors:
-    """Some sectors and their r unknowns: displacements, inner potentials, the hot potential.
+    """Some sectors and their r unknowns: displacements, then potentials from the last sector to the driven one.
+
+    The very last is the hot potential.
 
     Attributes
     ----------
@@ -128,9 +130,8 @@ class Sectors:
     @made_once
     def member(self) -> np.ndarray:
         """(r,) index of each unknown's sector."""
-        counts = [self.all_fields.count(name) for name in self.names]
-        potentials = np.zeros(self.all_fields.potentials, dtype=int)
-        return np.concatenate([np.repeat(np.arange(len(self.names)), counts), potentials])
+        numbers, potentials = np.arange(len(self.names)), [self.all_fields.potentials(name) for name in self.names]
+        return np.concatenate([np.repeat(numbers, self._moved), np.repeat(numbers[::-1], potentials[::-1])])
 
     @property
     def size(self) -> int:
@@ -140,7 +141,12 @@ class Sectors:
     @property
     def displacements(self) -> int:
         """Number of displacement unknowns, in which uᵗMu = 1 (0 for those of a spot)."""
-        return self.size - self.all_fields.potentials
+        return sum(self._moved)
+
+    @made_once
+    def _moved(self) -> list[int]:
+        """Number of displacement unknowns of every sector."""
+        return [self.all_fields.count(name) for name in self.names]
 
     @property
     def spot(self) -> np.ndarray:
@@ -158,7 +164,7 @@ class Sectors:
         return found
 
     def numbers(self, names: Iterable[str]) -> np.ndarray:
-        """Indices of the unknowns of some of the sectors; those of the potentials come with the driven one."""
+        """Indices of the unknowns of some of the sectors, displacements and potentials."""
         return np.flatnonzero(np.isin(self.member, [self.names.index(name) for name in names]))
 
     def of_other_classes(self, names: Iterable[str]) -> np.ndarray:
