@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import beta
 
-from hidden_effects.draws import LABORATORY
 from hidden_effects.judge import Outcome
 
 
@@ -84,7 +83,7 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     found.append(Rate("pairs: both named or in a class", sum(o.in_class for o in pairs), len(pairs), 0.8))
     exact = [o for o in library if o.first and o.word == "effect"]
     # in a laboratory the tolerances make the error of a right prediction larger than the noise
-    ideal = [o for o in exact if not o.name.startswith(LABORATORY)]
+    ideal = [o for o in exact if ":" not in o.name]
     for words, good in (
         ("noise", [o.ratio[0] < 1.3 for o in ideal]),
         ("what noise makes of their prediction", [o.misfit < 1.3 for o in exact]),

@@ -28,6 +28,12 @@ PZT5H = np.array(
 FREE = {2: ("s11", "d31", "eps33T"), 0: ("s33", "d33", "eps33T")}
 #: Effects for which every sixth draw is a k33 bar: its sweep shows them as well as that of a plate.
 BARS = ("none", "leakage", "frequency_dependent_elastic_loss", "wrong_insensitive_parameter", "wrong_length")
+#: Effects on a bar that a sweep over two of its modes shows.
+BAR_EFFECTS = (
+    *("poling_gradient", "point_mass", "local_crack", "mounting", "tapered_width", "wedge", "wrong_width"),
+    *("series_resistance", "stray_capacitance", "leakage", "contact_gap", "temperature_drift"),
+    *("frequency_dependent_elastic_loss", "dielectric_dispersion", "relaxation", "wrong_insensitive_parameter"),
+)
 DENSITY = 7500.0
 #: Most attempts to draw a specimen whose sweep is passive.
 _ATTEMPTS = 60
@@ -35,6 +41,10 @@ _ATTEMPTS = 60
 _SETUPS, _NOISE = 6, (5e-4, 3e-3)
 #: Prefix of the name of a draw whose specimen and instrument are off by their tolerances.
 LABORATORY = "laboratory:"
+#: Prefix of the name of a draw of a bar in a laboratory that is swept over two of its modes.
+BAR = "bar:"
+#: End of the sweep of a plate, and of such a bar, Hz.
+_TOP, _TOP_OF_BAR = 240e3, 480e3
 #: Standard deviations in a laboratory: of length, width, thickness (m), of the density, of held constants (relative)
 #: and of their tangents; of the instrument's magnitude and phase (rad); of the residue of the fixture (ohm, H, F).
 STD_SIZE, STD_DENSITY, STD_HELD, STD_TANGENT = np.array([20e-6, 20e-6, 5e-6]), 3e-3, 0.03, 0.005
@@ -126,7 +136,8 @@ def place_of(name: str, seed: int) -> tuple[int, int, bool]:
     """Lot, number of the set-up in it, and whether the draw is a bar."""
     lot, number = divmod(seed, 1000)
     number %= _SETUPS
-    return lot, number, name.removeprefix(LABORATORY) in BARS and number == _SETUPS - 1
+    bar = name.removeprefix(LABORATORY) in BARS and number == _SETUPS - 1
+    return lot, number, bar or name.startswith(BAR)
 
 
 def setup_of(name: str, seed: int) -> Setup:
@@ -165,7 +176,7 @@ def draw(name: str, seed: int, *, points: int = 301, variant: bool | None = None
     Parameters
     ----------
     name : an effect, two effects with "+" between, "none", "undescribed", or "undescribed:KIND", after "laboratory:"
-        where everything else is off by its tolerance as well
+        where everything else is off by its tolerance as well, or after "bar:" likewise for a bar
     variant : whether effects follow other laws than the library's; drawn where None
 
     Losses are drawn one by one, so that a strongly coupled material may come out active, by itself (Holland 1967) or in
@@ -182,7 +193,7 @@ def _drawn(name: str, seed: int, points: int, variant: bool | None, attempt: lis
     rng = np.random.default_rng([2026, seed, zlib.crc32(name.encode()), *attempt])
     setup = setup_of(name, seed)
     nominal, poling, noise, theta = setup.nominal, setup.poling, setup.noise, setup.held.copy()
-    whole, name = name, name.removeprefix(LABORATORY)
+    whole, name = name, name.removeprefix(LABORATORY).removeprefix(BAR)
     laboratory, size, density = name != whole, nominal.copy(), DENSITY
     off = np.random.default_rng([2029, seed, zlib.crc32(name.encode()), *attempt])
     if laboratory:
@@ -194,7 +205,8 @@ def _drawn(name: str, seed: int, points: int, variant: bool | None, attempt: lis
     for free in FREE[poling]:
         theta[NAMES.index(free)] *= rng.uniform(0.96, 1.04) * (1 - 1j * rng.uniform(0.012, 0.02))
     known, held_out = bool(rng.integers(2)), rng.random() < HELD_OUT
-    frequency = np.linspace(20e3, 240e3, points)
+    top = _TOP_OF_BAR if whole.startswith(BAR) else _TOP
+    frequency = np.linspace(20e3, top, points)
     compliance = theta[0] if poling == 2 else theta[3] - theta[6] ** 2 / theta[9]  # s11E, s33D
     near = float(1 / (2 * nominal[0] * np.sqrt(DENSITY * compliance.real)))
     build = Build(size, density, theta, near, poling=poling)
@@ -218,7 +230,7 @@ def _drawn(name: str, seed: int, points: int, variant: bool | None, attempt: lis
         more = off.standard_normal((2, points + NEIGHBOURS - 1))
         normal = np.lib.stride_tricks.sliding_window_view(more, NEIGHBOURS, 1).sum(axis=2) / np.sqrt(NEIGHBOURS)
     z = clean * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
-    low = float(rng.uniform(40e3, 200e3))
+    low = float(rng.uniform(40e3, 200e3)) * top / _TOP
     text = _specification(setup, noise if known else None, (low, low + 25e3) if held_out else None, laboratory)
     return Draw(whole, seed, text, frequency, z, clean, tuple(key), kind, build, noise)
 

@@ -48,11 +48,11 @@ def jobs(
     return sorted(found, key=lambda job: place_of(*job))
 
 
-def round_jobs(effects: Sequence[str], draws: int, nulls: int, seed: int) -> list[Job]:
-    """(name, seed) of so many draws of each effect and so many nulls, for disks and rings in turn."""
+def jobs_of_shapes(prefixes: Sequence[str], effects: Sequence[str], draws: int, nulls: int, seed: int) -> list[Job]:
+    """(name, seed) of so many draws of each effect and so many nulls, for several shapes in turn."""
     found = [(effect, seed + number) for number in range(draws) for effect in effects]
     found += [("none", seed + number) for number in range(nulls)]
-    return [(f"{shape}:{name}", number) for name, number in found for shape in ROUND]
+    return [(prefix + name, number) for name, number in found for prefix in prefixes]
 
 
 def judged(job: Job) -> Outcome:

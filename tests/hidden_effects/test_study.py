@@ -5,7 +5,7 @@ HIDDEN_DRAWS=3 HIDDEN_NULLS=10 HIDDEN_ONLY=point_mass,mounting HIDDEN_PROCESSES=
 
 HIDDEN_DRAWS (of each effect), HIDDEN_NULLS, HIDDEN_PAIRS, HIDDEN_UNDESCRIBED, HIDDEN_SEED: numbers;
 HIDDEN_LABORATORY=1: specimen and instrument are off by their tolerances; HIDDEN_ONLY: some of the effects;
-HIDDEN_ROUND=1: disks and rings in a laboratory instead of plates and bars;
+HIDDEN_ROUND=1: disks and rings in a laboratory instead of plates and bars; HIDDEN_BARS=1: bars over two of their modes;
 HIDDEN_RESULTS: file of finished draws, from which a study is resumed. How well its probabilities and deviations are
 calibrated: python -m tests.hidden_effects.calibration study.jsonl --out DIR
 """
@@ -19,10 +19,10 @@ import pytest
 
 from hidden_effects.catalogue import EFFECTS
 from hidden_effects.confusion import rates, report
-from hidden_effects.draws import draw
+from hidden_effects.draws import BAR, BAR_EFFECTS, draw
 from hidden_effects.judge import judge_draw
-from hidden_effects.round_draws import ROUND_EFFECTS, draw_round
-from hidden_effects.study import jobs, round_jobs, run
+from hidden_effects.round_draws import ROUND, ROUND_EFFECTS, draw_round
+from hidden_effects.study import jobs, jobs_of_shapes, run
 
 
 def _number(name: str, default: int) -> int:
@@ -138,10 +138,12 @@ def test_smoothed_noise_is_no_effect(tmp_path):
 @pytest.mark.slow
 def test_confusion_matrix(capsys):
     """Every rate of the study reaches its required value."""
-    only, on_disks, seed = os.environ.get("HIDDEN_ONLY", ""), bool(_number("ROUND", 0)), _number("SEED", 1000)
-    effects = only.split(",") if only else list(ROUND_EFFECTS if on_disks else EFFECTS)
-    if on_disks:
-        wanted = round_jobs(effects, draws=_number("DRAWS", 5), nulls=_number("NULLS", 20), seed=seed)
+    on_disks, on_bars, seed = bool(_number("ROUND", 0)), bool(_number("BARS", 0)), _number("SEED", 1000)
+    offered = list(ROUND_EFFECTS) if on_disks else BAR_EFFECTS if on_bars else list(EFFECTS)
+    effects = only.split(",") if (only := os.environ.get("HIDDEN_ONLY", "")) else offered
+    if on_disks or on_bars:
+        shapes = [f"{shape}:" for shape in ROUND] if on_disks else [BAR]
+        wanted = jobs_of_shapes(shapes, effects, draws=_number("DRAWS", 5), nulls=_number("NULLS", 20), seed=seed)
     else:
         wanted = jobs(
             effects,
