@@ -181,7 +181,7 @@ class FreeConstants:
         return {name: complex(value) for name, value in zip(self.names, theta, strict=True)}
 
 
-#: Range of each real part relative to its start, and of each loss tangent, that a fit may use.
+#: Range of each real part relative to its start and to its value in the file, and of each loss tangent, of a fit.
 SCALE_RANGE, TANGENT_RANGE = (0.2, 5.0), (-0.2, 1.0)
 
 
@@ -195,15 +195,17 @@ class MaterialParameters:
     ----------
     free : the affine map from θ to the ten constants
     scale : (n,) real, not zero; the start values, so that a = 1 at the start
+    of_file : (n,) real parts that the specimen file gives; the start values where None
     """
 
     free: FreeConstants
     scale: np.ndarray = field(repr=False)
+    of_file: np.ndarray | None = field(default=None, repr=False)
 
     @classmethod
-    def around(cls, free: FreeConstants, theta: np.ndarray) -> MaterialParameters:
-        """Unknowns whose real parts a are 1 at complex θ (n,)."""
-        return cls(free, np.array(theta.real, dtype=float))
+    def around(cls, free: FreeConstants, theta: np.ndarray, of_file: np.ndarray | None = None) -> MaterialParameters:
+        """Unknowns whose real parts a are 1 at complex θ (n,); of_file : (n,) complex θ of the specimen file."""
+        return cls(free, np.array(theta.real, dtype=float), None if of_file is None else of_file.real)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -217,8 +219,17 @@ class MaterialParameters:
 
     @property
     def bounds(self) -> np.ndarray:
-        """(2n, 2) lower and upper bound of every unknown."""
-        return np.tile([SCALE_RANGE, TANGENT_RANGE], (self.scale.size, 1)).astype(float)
+        """(2n, 2) lower and upper bound of every unknown.
+
+        A start that a sweep suggests may be far off, as where a cable has ten times the capacitance of the body: what
+        the file gives is within the bounds as well.
+        """
+        found = np.tile([SCALE_RANGE, TANGENT_RANGE], (self.scale.size, 1)).astype(float)
+        if self.of_file is not None:
+            ratio = self.of_file / self.scale
+            found[0::2, 0] *= np.where(ratio > 0, np.minimum(ratio, 1.0), 1.0)
+            found[0::2, 1] *= np.maximum(ratio, 1.0)
+        return found
 
     def x_of(self, theta: np.ndarray) -> np.ndarray:
         """(2n,) unknowns of complex θ (n,)."""

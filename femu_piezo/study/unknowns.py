@@ -30,7 +30,7 @@ def unknowns_of(
     free, of_file = problem.free(constants or problem.constants), problem.free(problem.constants)
     material = problem.specimen.material
     return Unknowns(
-        material=MaterialParameters.around(free, free.start),
+        material=MaterialParameters.around(free, free.start, of_file.start),
         prior=material_prior(of_file, material.priors, material.tangent_priors),
         effects=tolerances_of(several),
         fixed=tuple({effect.key: (effect, values) for one in several for effect, values in one.fixed}.values()),

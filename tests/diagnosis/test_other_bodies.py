@@ -4,6 +4,8 @@ solvers.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hidden_effects.build import Build
@@ -73,15 +75,20 @@ def write(
     *,
     resistance: float = 0.0,
     conductance: float = 0.0,
+    susceptance: Callable[[np.ndarray], np.ndarray] | None = None,
     theta: np.ndarray = TRUTH,
     more: str = "",
     extra: str = "",
 ):
-    """Specimen file and noisy sweep of a body with a resistance in series and a conductance parallel to it."""
+    """Specimen file and noisy sweep of a body with a resistance in series and a conductance parallel to it.
+
+    susceptance : ω (k,) → further admittance (k,) parallel to it
+    """
     path = folder / f"{body}.toml"
     path.write_text(specification(body, TRUTH, more, extra), encoding="utf-8")
     frequency = np.linspace(*BODIES[body][2], 121)
-    z = 1 / (1 / exact(body, theta, frequency, path) + conductance) + resistance
+    parallel = conductance if susceptance is None else conductance + susceptance(2 * np.pi * frequency)
+    z = 1 / (1 / exact(body, theta, frequency, path) + parallel) + resistance
     write_spectrum(ImpedanceSpectrum(frequency, noisy(z, NOISE, len(body))), folder / "sweep.csv")
     return read_specimen(path)
 
@@ -118,6 +125,23 @@ def test_cause_is_named_and_the_start_is_near(body, tmp_path):
     for name in driving(body):
         truth = TRUTH[D_FORM.index(name)]
         assert abs(final[name].value - truth.real) < 4 * abs(final[name].std), name
+
+
+def test_parallel_capacitance_of_ten_times_that_of_the_body(tmp_path):
+    """A fit of the constants alone puts all of it into ε33T; beside the cause, ε33T has to come back by as much."""
+    specimen = write(tmp_path, "k33", susceptance=lambda w: 2e-10j * w)
+
+    def without_cables(context):
+        return [effect for effect in circuits.candidates(context) if effect.name != "cable"]
+
+    result = diagnose(specimen, effects=[without_cables])
+    assert result.before["eps33T"].value > 5 * TRUTH[D_FORM.index("eps33T")].real
+    (cause,) = result.verdict.causes
+    assert cause.effect.key == "stray_capacitance" and cause.probability > 0.9
+    assert abs(cause.values[0] - 2e-10) < 4 * cause.std[0]
+    for name in driving("k33"):
+        final = result.after[name]
+        assert abs(final.value - TRUTH[D_FORM.index(name)].real) < 4 * abs(final.std), name
 
 
 def test_update_of_a_square_plate_starts_from_the_file(tmp_path):
