@@ -117,6 +117,12 @@ def is_lcr(name: str) -> bool:
     return column is not None and any(column.kind in pair and column.kind not in ("r", "g") for pair in _LCR)
 
 
+def names_noise(name: str) -> bool:
+    """Whether a column is called noise, in whatever unit."""
+    label = re.sub(r"[(\[{].*", "", name.strip().strip('"'))
+    return _KINDS.get(re.sub(r"[\s_.:\-]", "", label.lower())) == "noise"
+
+
 def is_unit(name: str) -> bool:
     """Whether a cell of a header holds a unit and no name, as in a row of units below the names."""
     return _parse_unit(name.strip().strip('"').strip("()[] ")) is not None

@@ -11,7 +11,7 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.files import path_of, read_bytes, write_atomically
 from femu_piezo.measurement.checks import FEWEST_POINTS, check_spectrum, order_points
-from femu_piezo.measurement.columns import Layout, angle_scale, choose_columns, parse_column, to_impedance
+from femu_piezo.measurement.columns import Layout, angle_scale, choose_columns, names_noise, parse_column, to_impedance
 from femu_piezo.measurement.compensation import Compensation
 from femu_piezo.measurement.data_fault import DataFault
 from femu_piezo.measurement.faults import MASKABLE, without_faults
@@ -194,6 +194,11 @@ def _spectrum(table: Table, source: str, notes: tuple[str, ...]) -> tuple[Impeda
             raise InputError(
                 f"{source}: {int(np.sum(noise <= 0))} values of noise are not positive; correct or remove the column"
             )
+    notes += tuple(
+        f"the column {name.strip()} is not read, as noise is read in ohm; give it in ohm, or as measurement.noise"
+        for name, column in zip(table.names, columns, strict=True)
+        if column is None and names_noise(name)
+    )
     ordered = order_points(frequency, impedance, noise, table.lines, source)
     spectrum = ImpedanceSpectrum(*ordered[:3], source=source, notes=notes + ordered[3])
     return spectrum, columns[layout.frequency].has_unit

@@ -92,6 +92,15 @@ def test_our_csv_keeps_every_bit(tmp_path: Path, points: int, noisy: bool, seed:
     assert [entry.name for entry in tmp_path.iterdir()] == ["impedance.csv"]
 
 
+@pytest.mark.parametrize(("unit", "read"), [("ohm", True), ("%", False), ("dB", False)])
+def test_noise_in_another_unit_than_ohm_is_left_out_with_a_note(tmp_path: Path, unit: str, read: bool) -> None:
+    columns = (FREQUENCY, bar_impedance(FREQUENCY, **SOFT).real, bar_impedance(FREQUENCY, **SOFT).imag)
+    rows = [",".join([*(repr(float(column[k])) for column in columns), "0.2"]) for k in range(FREQUENCY.size)]
+    spectrum = read_text(tmp_path, "\n".join([f"frequency (Hz),R (ohm),X (ohm),noise ({unit})", *rows, ""]))
+    assert (spectrum.noise is not None) == read
+    assert any(f"noise ({unit}) is not read" in note for note in spectrum.notes) == (not read)
+
+
 @pytest.mark.parametrize(
     ("parameter", "pair"),
     [
