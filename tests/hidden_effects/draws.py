@@ -28,10 +28,10 @@ PZT5H = np.array(
 FREE = {2: ("s11", "d31", "eps33T"), 0: ("s33", "d33", "eps33T")}
 #: Effects for which every sixth draw is a k33 bar: its sweep shows them as well as that of a plate.
 BARS = ("none", "leakage", "frequency_dependent_elastic_loss", "wrong_insensitive_parameter", "wrong_length")
-#: Effects on a bar that a sweep over two of its modes shows.
+#: Effects on a bar that a sweep over two of its modes shows; a drift is drawn over the sweep of a plate.
 BAR_EFFECTS = (
     *("poling_gradient", "point_mass", "local_crack", "mounting", "tapered_width", "wedge", "wrong_width"),
-    *("series_resistance", "stray_capacitance", "leakage", "contact_gap", "temperature_drift"),
+    *("series_resistance", "stray_capacitance", "leakage", "contact_gap", "cable"),
     *("frequency_dependent_elastic_loss", "dielectric_dispersion", "relaxation", "wrong_insensitive_parameter"),
 )
 DENSITY = 7500.0
