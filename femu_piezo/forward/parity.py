@@ -26,6 +26,8 @@ from femu_piezo.material.constants import ElasticForm
 
 #: Number of modes computed first; it is doubled until the band is covered.
 _COUNT = 30
+#: Relative error of the eigenvalue by which a further mode is looked for; one beyond this many times the top is none.
+_ROUGH, _ABOVE = 1e-2, 1.1
 #: Relative error of an eigenvalue; the error of a Galerkin model on a basis of the modes is its square.
 _TOLERANCE = 1e-6
 
@@ -49,6 +51,8 @@ class ParityClass:
         tensor = np.tensordot(constants.vector().real, model.unit_tensors, axes=1)
         self.stiffness = FreePattern(model.assembled, p, electrode=False).stiffness(tensor)
         self.mass = (p.T @ model.assembled.mass_matrix(model.density) @ p).tocsr()
+        # with three mirror planes a class has at most one rigid-body mode, and pairs are in two classes
+        self._repeated = len(set(model.domain.symmetry.values())) < 3
 
     def factor(self, shift: float) -> Factorization:
         """Factorisation of K − shift · M of the class."""
@@ -56,37 +60,55 @@ class ParityClass:
 
     def modes(self, top: float) -> np.ndarray:
         """(4n, k) fields of all modes with ω² below `top`, rigid-body modes included, uᵗMu = 1 on the part."""
-        return self.prolongation @ modes_below(self.stiffness, self.mass, top)
+        return self.prolongation @ modes_below(self.stiffness, self.mass, top, repeated=self._repeated)
 
 
-def modes_below(stiffness: sp.csr_matrix, mass: sp.csr_matrix, top: float) -> np.ndarray:
+def modes_below(stiffness: sp.csr_matrix, mass: sp.csr_matrix, top: float, *, repeated: bool = False) -> np.ndarray:
     """(m, k) all modes of a real pencil (m, m) with ω² below `top`, rigid-body modes included, uᵗMu = 1.
+
+    repeated : whether several modes may have one frequency, as rigid-body modes and the pairs of a square. Of those a
+        search finds only some: searches among what is orthogonal to the modes found follow until one finds no more.
 
     Raises
     ------
     ConvergenceError : ARPACK did not converge, or the modes of the band are about a quarter of the unknowns or more
     """
-    shift = 0.3 * top
+    size, shift = stiffness.shape[0], 0.3 * top
     factor = factorize(stiffness - shift * mass)
-    inverse = spla.LinearOperator(stiffness.shape, matvec=factor.solve, dtype=float)
-    start = inverse @ (mass @ np.random.default_rng(1).standard_normal(mass.shape[0]))
-    count = min(_COUNT, stiffness.shape[0] // 8)
-    while True:
+    modes, rng = np.zeros((size, 0)), np.random.default_rng(1)
+
+    def outside(right: np.ndarray) -> np.ndarray:
+        """(m,) (K − shift M)^-1 right without its part along the modes found."""
+        found = factor.solve(right)
+        return found - modes @ (modes.T @ (mass @ found))
+
+    inverse = spla.LinearOperator(stiffness.shape, matvec=outside, dtype=float)
+
+    def nearest(count: int, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+        """ω² (count,) of the further modes nearest to the shift, and the modes (m, count)."""
+        start, ncv = inverse @ (mass @ rng.standard_normal(size)), 2 * count + 4
         try:
             values, vectors = spla.eigsh(
-                stiffness, count, M=mass, sigma=shift, OPinv=inverse, v0=start, tol=_TOLERANCE, ncv=2 * count + 4
+                stiffness, count, M=mass, sigma=shift, OPinv=inverse, v0=start, tol=tolerance, ncv=ncv
             )
         except spla.ArpackNoConvergence as error:
             raise ConvergenceError(f"modes of one symmetry: {error}; narrow the band") from error
-        # shift-invert finds the modes nearest to the shift: once one lies above the top, all below are found,
-        # as the shift is at 0.3 top
-        if values.max() > top:
-            break
-        if count >= stiffness.shape[0] // 4:
+        return values, vectors / np.sqrt(np.einsum("ik,ik->k", vectors, mass @ vectors))
+
+    count = min(_COUNT, size // 8)
+    # the modes nearest to the shift: once one lies above the top, all frequencies below are found, as the shift is at
+    # 0.3 top
+    while (first := nearest(count, _TOLERANCE))[0].max() <= top:
+        if count >= size // 4:
             raise ConvergenceError("the mesh is too coarse for the modes of one symmetry in this band")
         count *= 2
-    vectors = vectors[:, values < top]
-    return vectors / np.sqrt(np.einsum("ik,ik->k", vectors, mass @ vectors))
+    values, modes = first
+    while repeated and nearest(1, _ROUGH)[0][0] < _ABOVE * top:
+        value, mode = nearest(1, _TOLERANCE)
+        if value[0] >= top:
+            break
+        values, modes = np.append(values, value), np.concatenate([modes, mode], axis=1)
+    return modes[:, values < top]
 
 
 def class_prolongation(model: ElectroelasticModel, flipped: tuple[int, ...]) -> sp.csr_matrix:
