@@ -226,8 +226,7 @@ def note_lines(notes: Iterable[str]) -> list[str]:
 def simulation_table(result: SimulationResult) -> RenderableType:
     """Poles and zeros, and notes."""
     lines = [f"{one.kind} {one.frequency_Hz:14.3f} Hz   loss {one.loss:z.6f}" for one in (*result.poles, *result.zeros)]
-    if result.effects:
-        names = ", ".join(result.effects)
+    if names := ", ".join(name for name in result.effects if name not in result.of_sweep_alone):
         lines.append(f"poles, zeros and sweep are those of the specimen with its effects ({names})")
     return text_of([*lines, *note_lines(result.notes)])
 

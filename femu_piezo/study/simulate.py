@@ -17,7 +17,7 @@ from femu_piezo.measurement.rational_curve import RationalCurve, visible
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance
 from femu_piezo.specimen.file import Simulation, Specimen
-from femu_piezo.study.effects import effects_as_simulated, simulated_with_effects
+from femu_piezo.study.effects import effects_as_simulated, model_with_effects, simulated_with_effects
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.threads import with_blas_limit
@@ -33,6 +33,8 @@ class SimulationResult:
     Attributes
     ----------
     effects : names of the [effects] that sweep, poles and zeros include
+    of_sweep_alone : names of effects of how the sweep was taken, such as a high drive, which poles and zeros leave out:
+        under them resonances move from point to point
     """
 
     specimen: Specimen
@@ -41,6 +43,7 @@ class SimulationResult:
     zeros: tuple[Resonance, ...]
     unknowns: int
     effects: tuple[str, ...] = ()
+    of_sweep_alone: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -50,7 +53,9 @@ class SimulationResult:
             "no loss tangent is given, so the resonances have no width, as those of no measured sweep: give the "
             "material some, such as tan_s11 = 0.015",
         )
-        return told * without_loss + electrode_notes(self.specimen)
+        names = " and ".join(self.of_sweep_alone)
+        left_out = (f"the sweep includes {names}; poles and zeros do not, as they would move during the sweep",)
+        return told * without_loss + left_out * bool(names) + electrode_notes(self.specimen)
 
     def to_json(self) -> dict:
         """Contents of simulation.json."""
@@ -115,18 +120,19 @@ def simulate(
         impedance = full_impedance(model, e_form, frequency) if full_order else modal.impedance(2 * np.pi * frequency)
         poles, zeros = visible_resonances(modal, frequency[-1])
     spectrum = _with_noise(specimen, frequency, impedance)
-    return SimulationResult(specimen, spectrum, poles, zeros, model.size, tuple(specimen.effects or ()))
+    alone = tuple(effect.name for effect, _ in known if effect.acquisition is not None)
+    return SimulationResult(specimen, spectrum, poles, zeros, model.size, tuple(specimen.effects or ()), alone)
 
 
 def _with_effects(problem: Problem, model: ElectroelasticModel, frequency: np.ndarray, known):
     """Z (k,) of the sweep, and (poles, zeros) up to its end."""
     low, high = min(frequency[0], 0.2 * problem.expected_pole_Hz), frequency[-1]
     even = np.linspace(low, _BEYOND * high, int(np.clip(2 * frequency.size, *_POINTS)))
-    every = np.unique(np.concatenate([frequency, even]))
-    impedance = simulated_with_effects(problem, model, every, known)
-    of_sweep, of_curve = np.isin(every, frequency), np.isin(every, even)
-    curve = RationalCurve(every[of_curve], impedance[of_curve])
-    return impedance[of_sweep], (curve.resonances("pole", high), curve.resonances("zero", high))
+    reduced = model_with_effects(problem, model, (low, float(even[-1])), known)
+    lasting = [item for item in known if item[0].acquisition is None]
+    curve = RationalCurve(even, simulated_with_effects(problem, reduced, even, lasting))
+    resonances = curve.resonances("pole", high), curve.resonances("zero", high)
+    return simulated_with_effects(problem, reduced, frequency, known), resonances
 
 
 def _with_noise(specimen: Specimen, frequency: np.ndarray, impedance: np.ndarray) -> ImpedanceSpectrum:

@@ -131,6 +131,21 @@ def test_a_longer_plate_has_the_poles_of_a_longer_plate(tmp_path):
     assert eigenvalues(stretched.zeros) == pytest.approx(eigenvalues(meshed.zeros), rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    "table", ["drive_level]\nsoftening = 0.003", "sweep_too_fast]\nrate = 1e4", "temperature_drift]\ndrift = 0.003"]
+)
+def test_poles_and_zeros_are_those_without_effects_of_how_the_sweep_was_taken(body, tmp_path, table):
+    """Under them the curve is no rational function: it had a dozen poles about one, half of them with negative loss."""
+    _, bare = body
+    result = simulate(specimen(tmp_path, f"[effects.{table}\n"))
+    assert eigenvalues(result.poles) == pytest.approx(eigenvalues(bare.poles), rel=1e-7)
+    assert eigenvalues(result.zeros) == pytest.approx(eigenvalues(bare.zeros), rel=1e-7)
+    assert np.max(np.abs(result.spectrum.impedance / bare.spectrum.impedance - 1)) > 1e-5
+    name = table.partition("]")[0]
+    assert result.effects == result.of_sweep_alone == (name,)
+    assert f"the sweep includes {name};" in " ".join(result.notes)
+
+
 def test_the_command_says_whose_poles_it_prints(tmp_path):
     specimen(tmp_path, '[effects.series_resistance]\nresistance = "100 ohm"\n')
     answer = succeeded("simulate", tmp_path / "plate.toml", "--out", tmp_path / "out")
