@@ -380,7 +380,7 @@ def extended_specimen(diagnosis: Diagnosis) -> Specimen:
         table.update(found)
         if named:
             table[FREE] = tuple(dict.fromkeys((*table.get(FREE, ()), *found)))
-        if effect.dispersive:
+        if effect.dispersive or effect.acquisition is not None:
             table.setdefault(REFERENCE, diagnosis.sweeps[0].reference_Hz)
         if effect.name == COEFFICIENTS:
             table[TEMPERATURE] = reference

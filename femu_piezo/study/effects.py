@@ -84,17 +84,23 @@ def effect_context(
 
 
 def expected_context(
-    problem: Problem, band_Hz: tuple[float, float], conditions: SweepConditions | None = None
+    problem: Problem,
+    band_Hz: tuple[float, float],
+    conditions: SweepConditions | None = None,
+    frequency: np.ndarray | None = None,
 ) -> EffectContext:
     """The context of a specimen before it is measured: pole and |Z| as its constants let expect.
 
+    Parameters
+    ----------
     conditions : of the sweep; those of its first where None
+    frequency : (k,) points of the sweep, Hz; evenly spaced over the band where None
     """
     capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
     pole = problem.expected_pole_Hz
     impedance = 1 / (2 * np.pi * pole * capacitance)
     return effect_context(
-        problem, pole, impedance, band_Hz, conditions=conditions or conditions_of(problem.specimen)[0]
+        problem, pole, impedance, band_Hz, frequency, conditions or conditions_of(problem.specimen)[0]
     )
 
 
@@ -118,15 +124,23 @@ def has_effects(measured: Sequence[Measured]) -> bool:
 
 
 def effects_as_simulated(
-    problem: Problem, band_Hz: tuple[float, float], effects: Iterable[Maker] | None = None
+    problem: Problem,
+    band_Hz: tuple[float, float],
+    effects: Iterable[Maker] | None = None,
+    frequency: np.ndarray | None = None,
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
     """Effects of a simulation of the specimen over a band, with their values: those in [effects] and [fitted].
 
     Where the specimen has several sweeps, the conditions are those of the first.
+
+    Parameters
+    ----------
+    effects : what the file may name in addition to the library
+    frequency : (k,) points of the sweep, Hz; evenly spaced over the band where None
     """
     if not problem.specimen.effects and not set(problem.specimen.fitted or {}) - {"material"}:
         return ()
-    return known_effects(problem, expected_context(problem, band_Hz), effects, fitted=True)
+    return known_effects(problem, expected_context(problem, band_Hz, frequency=frequency), effects, fitted=True)
 
 
 def model_with_effects(

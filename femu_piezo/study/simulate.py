@@ -103,7 +103,7 @@ def simulate(
     """
     problem = prepare(specimen)
     frequency = sweep_frequencies(problem)
-    known = effects_as_simulated(problem, (float(frequency[0]), float(frequency[-1])), effects)
+    known = effects_as_simulated(problem, (float(frequency[0]), float(frequency[-1])), effects, frequency)
     if known and full_order:
         raise InputError(
             f"{specimen.path or specimen.name}: a full-order simulation cannot include [effects] or [fitted]; leave "
