@@ -153,37 +153,37 @@ def model_with_effects(
     """A model reduced so that it serves the constants `Problem.fitted`, and effects with their values, over a band.
 
     accuracy : aimed-for relative error of Z by the reduction
+
+    Raises InputError where no stable material has the constants that the effects leave.
     """
-    constants = problem.fitted
-    training = problem.free(constants).training_for_effects(constants)
-    training += [PiezoConstants.from_vector(one) for one in _changed_constants(constants, known, np.array(band_Hz))]
+    training = problem.free(problem.fitted).training_for_effects(problem.fitted)
+    training += _changed_constants(problem, known, np.array(band_Hz))
     return extend_model(model, training, [effect for effect, _ in known], band_Hz[1], accuracy=accuracy)
 
 
 def _changed_constants(
-    constants: PiezoConstants, known: Sequence[tuple[Effect, np.ndarray]], frequency: np.ndarray
-) -> np.ndarray:
-    """d-form constants (k, 10) that effects leave at frequencies (k,), Hz."""
-    theta = np.tile(constants.vector(), (frequency.size, 1))
+    problem: Problem, known: Sequence[tuple[Effect, np.ndarray]], frequency: np.ndarray
+) -> list[PiezoConstants]:
+    """The constants that effects leave of `Problem.fitted` at frequencies (k,), Hz; InputError where not stable."""
+    theta = np.tile(problem.fitted.vector(), (frequency.size, 1))
     none = np.zeros((*theta.shape, 0), dtype=complex)
     for effect, values in sorted(known, key=lambda item: item[0].place):
         if effect.constants is not None:
             theta = effect.constants(theta, none, 2 * np.pi * frequency, values)[0]
-    return theta
+    where = f"{problem.specimen.path or problem.specimen.name}: the constants that [effects] leave"
+    return [PiezoConstants.from_vector(one).check(where, passive=False) for one in theta]
 
 
 def simulated_with_effects(
     problem: Problem,
-    model: ElectroelasticModel | ExtendedModel,
+    model: ExtendedModel,
     frequency: np.ndarray,
     known: Sequence[tuple[Effect, np.ndarray]],
 ) -> np.ndarray:
     """Z (k,) of a specimen with effects, ohm, by the constants `Problem.fitted`.
 
-    known : effects with their values (`effects_as_simulated`);  model : full, or reduced so that it serves them
+    model : reduced so that it serves them (`model_with_effects`);  known : effects with their values
     """
-    if isinstance(model, ElectroelasticModel):
-        model = model_with_effects(problem, model, (float(frequency[0]), float(frequency[-1])), known)
     free = problem.free(problem.fitted)
     material = MaterialParameters.around(free, free.start)
     unknowns = Unknowns(material, material_prior(free, {}, {}), fixed=tuple(known))
@@ -195,7 +195,7 @@ def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray
 
     Also the names of the effects that change none of these, such as circuits and terms on the mesh.
     """
-    (constants,) = _changed_constants(problem.fitted, known, np.array([problem.expected_pole_Hz]))
+    (constants,) = _changed_constants(problem, known, np.array([problem.expected_pole_Hz]))
     stretch, density = np.ones(3), problem.density
     reshaped: dict[str, float] = {}
     for effect, values in sorted(known, key=lambda item: item[0].place):
@@ -214,6 +214,6 @@ def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray
         name: getattr(geometry, name) * stretch[along[0]] * reshaped.get(name, 1.0) for name, along in axes.items()
     }
     plate = shape_of(problem.specimen.model_copy(update={"geometry": geometry.model_copy(update=sizes)}))
-    body = replace(problem, plate=plate, constants=PiezoConstants.from_vector(constants), density=float(density))
+    body = replace(problem, plate=plate, constants=constants, density=float(density))
     hooks = ("constants", "stretch", "density", "reshaping")
     return body, tuple(effect.name for effect, _ in known if all(getattr(effect, hook) is None for hook in hooks))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from femu_piezo.errors import InputError
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.modes import modes
 from femu_piezo.study.simulate import simulate
 from tests.materials import PZT5H
 from tests.specimens import material, plate
@@ -28,3 +30,12 @@ def test_a_wrong_constant_is_simulated_as_the_constant_itself(tmp_path, name, er
 
     stated = simulated({}, f"[effects.wrong_insensitive_parameter]\n{name} = {error}\n")
     np.testing.assert_allclose(stated, simulated({name: 1 + error}), rtol=1e-4)
+
+
+@pytest.mark.parametrize("command", [simulate, modes])
+def test_constants_of_no_stable_material_are_refused(tmp_path, command):
+    """s13 larger by 60 %: the plate had poles and zeros without a word."""
+    table = "[effects.wrong_insensitive_parameter]\ns13 = 0.6\n"
+    (tmp_path / "bar.toml").write_text(plate("bar", *_BAR) + material(_ALIKE, ["s11"]) + _SWEEP + table)
+    with pytest.raises(InputError, match=r"\[effects\] leave: s11, s12, s13, .* not positive definite"):
+        command(read_specimen(tmp_path / "bar.toml"))
