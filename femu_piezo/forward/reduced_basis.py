@@ -42,9 +42,10 @@ class ReducedBasis:
 
         keep : directions smaller than this share of the largest vector are dropped
         """
-        new_u = new_directions(self.u, vectors[: self.split], keep, self.mass)
+        moved = vectors[: self.split]
+        new_u = new_directions(self.u, moved, keep * largest_norm(moved, self.mass), self.mass)
         inner = vectors[self.split : -1] - np.outer(self.p[:-1, 0], vectors[-1] * POTENTIAL_SCALE)
-        new_p = new_directions(self.p[:-1, 1:], inner, keep, self._dielectric)
+        new_p = new_directions(self.p[:-1, 1:], inner, keep * largest_norm(inner, self._dielectric), self._dielectric)
         new_p = np.concatenate([new_p, np.zeros((1, new_p.shape[1]))])
         self.u = np.hstack([self.u, new_u])
         self.p = np.hstack([self.p, new_p])
@@ -82,21 +83,23 @@ class ReducedBasis:
         return result
 
 
+def largest_norm(vectors: np.ndarray, weight: sp.spmatrix | spla.LinearOperator) -> float:
+    """The largest √(vᵗ W v) of vectors (n, k); 0 where there are none."""
+    return float(np.sqrt(np.max(np.sum(vectors * (weight @ vectors), axis=0), initial=0.0)))
+
+
 def new_directions(
-    old: np.ndarray, vectors: np.ndarray, keep: float, weight: sp.spmatrix | spla.LinearOperator
+    old: np.ndarray, vectors: np.ndarray, least: float, weight: sp.spmatrix | spla.LinearOperator
 ) -> np.ndarray:
-    """Weight-orthonormal directions of `vectors` (n, k) outside span(old), larger than `keep` of the largest vector.
+    """Weight-orthonormal directions of `vectors` (n, k) outside span(old), larger than `least`.
 
     Two projections and a Gram eigenproblem find them; two orthonormalisations of the result remove rounding errors.
     """
-    scale = np.sqrt(np.max(np.sum(vectors * (weight @ vectors), axis=0), initial=0.0))
-    if scale == 0.0:
-        return vectors[:, :0]
     rest = vectors
     for _ in range(2):
         rest = rest - old @ (old.T @ (weight @ rest))
     values, rotation = np.linalg.eigh(rest.T @ (weight @ rest))
-    chosen = values > (keep * scale) ** 2
+    chosen = values > least**2
     fresh = (rest @ rotation[:, chosen]) / np.sqrt(values[chosen])
     for _ in range(2 if fresh.shape[1] else 0):
         weighted = weight @ fresh

@@ -195,17 +195,18 @@ class MaterialParameters:
     ----------
     free : the affine map from θ to the ten constants
     scale : (n,) real, not zero; the start values, so that a = 1 at the start
-    of_file : (n,) real parts that the specimen file gives; the start values where None
+    of_file : (n,) real parts that the specimen file gives, or the start values
     """
 
     free: FreeConstants
     scale: np.ndarray = field(repr=False)
-    of_file: np.ndarray | None = field(default=None, repr=False)
+    of_file: np.ndarray = field(repr=False)
 
     @classmethod
     def around(cls, free: FreeConstants, theta: np.ndarray, of_file: np.ndarray | None = None) -> MaterialParameters:
         """Unknowns whose real parts a are 1 at complex θ (n,); of_file : (n,) complex θ of the specimen file."""
-        return cls(free, np.array(theta.real, dtype=float), None if of_file is None else of_file.real)
+        start = np.array(theta.real, dtype=float)
+        return cls(free, start, start if of_file is None else of_file.real)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -225,10 +226,9 @@ class MaterialParameters:
         the file gives is within the bounds as well.
         """
         found = np.tile([SCALE_RANGE, TANGENT_RANGE], (self.scale.size, 1)).astype(float)
-        if self.of_file is not None:
-            ratio = self.of_file / self.scale
-            found[0::2, 0] *= np.where(ratio > 0, np.minimum(ratio, 1.0), 1.0)
-            found[0::2, 1] *= np.maximum(ratio, 1.0)
+        ratio = self.of_file / self.scale
+        found[0::2, 0] *= np.where(ratio > 0, np.minimum(ratio, 1.0), 1.0)
+        found[0::2, 1] *= np.maximum(ratio, 1.0)
         return found
 
     def x_of(self, theta: np.ndarray) -> np.ndarray:

@@ -67,7 +67,7 @@ class Piece:
                 "width and no sweep can show them; give loss tangents such as tan_s11 = 0.01"
             )
         band = sweep_frequencies(self._problem)[[0, -1]]
-        self._known = effects_as_simulated(self._problem, (float(band[0]), float(band[1])))
+        self._known = effects_as_simulated(self._problem, band)
         top = _BEYOND * float(band[1])
         model = self._problem.model(self._problem.equivalent_frequency(top, _ACCURACY), _ACCURACY)
         self._model = model_with_effects(self._problem, model, (float(band[0]), top), self._known, _ACCURACY / 10)

@@ -97,8 +97,7 @@ def parse_column(name: str) -> Column | None:
     label, unit = _split_unit(text)
     for greek, word in (("θ", "theta"), ("Θ", "theta"), ("φ", "phi"), ("ϕ", "phi"), ("∠", "angle")):
         label = label.replace(greek, word)
-    key = re.sub(r"[\s_.:\-]", "", label.lower())
-    kind = _KINDS.get(key)
+    kind = _kind(label)
     if kind is None:
         return None
     if unit is not None:
@@ -119,13 +118,17 @@ def is_lcr(name: str) -> bool:
 
 def names_noise(name: str) -> bool:
     """Whether a column is called noise, in whatever unit."""
-    label = re.sub(r"[(\[{].*", "", name.strip().strip('"'))
-    return _KINDS.get(re.sub(r"[\s_.:\-]", "", label.lower())) == "noise"
+    return _kind(re.sub(r"[(\[{].*", "", name.strip().strip('"'))) == "noise"
 
 
 def is_unit(name: str) -> bool:
     """Whether a cell of a header holds a unit and no name, as in a row of units below the names."""
     return _parse_unit(name.strip().strip('"').strip("()[] ")) is not None
+
+
+def _kind(label: str) -> str | None:
+    """The kind of a column from its name without unit; None where it is not known."""
+    return _KINDS.get(re.sub(r"[\s_.:\-]", "", label.lower()))
 
 
 def _split_unit(text: str) -> tuple[str, tuple[str, float] | None]:

@@ -14,6 +14,7 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.reshaping import reshapings
 from femu_piezo.geometry.shapes import EIGHTH, Plate
 from femu_piezo.geometry.slab import Slab
+from femu_piezo.inference.coefficients import active_effects, d_form_constants
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
@@ -84,24 +85,20 @@ def effect_context(
 
 
 def expected_context(
-    problem: Problem,
-    band_Hz: tuple[float, float],
-    conditions: SweepConditions | None = None,
-    frequency: np.ndarray | None = None,
+    problem: Problem, frequency: np.ndarray, conditions: SweepConditions | None = None
 ) -> EffectContext:
     """The context of a specimen before it is measured: pole and |Z| as its constants let expect.
 
     Parameters
     ----------
+    frequency : (k,) points of the sweep, Hz, in ascending order; of even ones the two ends suffice
     conditions : of the sweep; those of its first where None
-    frequency : (k,) points of the sweep, Hz; evenly spaced over the band where None
     """
     capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
     pole = problem.expected_pole_Hz
     impedance = 1 / (2 * np.pi * pole * capacitance)
-    return effect_context(
-        problem, pole, impedance, band_Hz, frequency, conditions or conditions_of(problem.specimen)[0]
-    )
+    band = float(frequency[0]), float(frequency[-1])
+    return effect_context(problem, pole, impedance, band, frequency, conditions or conditions_of(problem.specimen)[0])
 
 
 def known_effects(
@@ -124,23 +121,20 @@ def has_effects(measured: Sequence[Measured]) -> bool:
 
 
 def effects_as_simulated(
-    problem: Problem,
-    band_Hz: tuple[float, float],
-    effects: Iterable[Maker] | None = None,
-    frequency: np.ndarray | None = None,
+    problem: Problem, frequency: np.ndarray, effects: Iterable[Maker] | None = None
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
-    """Effects of a simulation of the specimen over a band, with their values: those in [effects] and [fitted].
+    """Effects of a simulated sweep of the specimen, with their values: those in [effects] and [fitted].
 
     Where the specimen has several sweeps, the conditions are those of the first.
 
     Parameters
     ----------
+    frequency : (k,) points of the sweep, Hz, in ascending order; of even ones the two ends suffice
     effects : what the file may name in addition to the library
-    frequency : (k,) points of the sweep, Hz; evenly spaced over the band where None
     """
     if not problem.specimen.effects and not set(problem.specimen.fitted or {}) - {"material"}:
         return ()
-    return known_effects(problem, expected_context(problem, band_Hz, frequency=frequency), effects, fitted=True)
+    return known_effects(problem, expected_context(problem, frequency), effects, fitted=True)
 
 
 def model_with_effects(
@@ -165,11 +159,8 @@ def _changed_constants(
     problem: Problem, known: Sequence[tuple[Effect, np.ndarray]], frequency: np.ndarray
 ) -> list[PiezoConstants]:
     """The constants that effects leave of `Problem.fitted` at frequencies (k,), Hz; InputError where not stable."""
-    theta = np.tile(problem.fitted.vector(), (frequency.size, 1))
-    none = np.zeros((*theta.shape, 0), dtype=complex)
-    for effect, values in sorted(known, key=lambda item: item[0].place):
-        if effect.constants is not None:
-            theta = effect.constants(theta, none, 2 * np.pi * frequency, values)[0]
+    unknowns, x = _unknowns_of(problem, known)
+    theta = d_form_constants(unknowns, x, active_effects(unknowns, x), 2 * np.pi * frequency)[0]
     where = f"{problem.specimen.path or problem.specimen.name}: the constants that [effects] leave"
     return [PiezoConstants.from_vector(one).check(where, passive=False) for one in theta]
 
@@ -184,10 +175,14 @@ def simulated_with_effects(
 
     model : reduced so that it serves them (`model_with_effects`);  known : effects with their values
     """
+    return Evaluation(model, 2 * np.pi * frequency).impedance(*_unknowns_of(problem, known))
+
+
+def _unknowns_of(problem: Problem, known: Sequence[tuple[Effect, np.ndarray]]) -> tuple[Unknowns, np.ndarray]:
+    """The free constants as unknowns beside known effects, and x (n_x,) at `Problem.fitted`."""
     free = problem.free(problem.fitted)
     material = MaterialParameters.around(free, free.start)
-    unknowns = Unknowns(material, material_prior(free, {}, {}), fixed=tuple(known))
-    return Evaluation(model, 2 * np.pi * frequency).impedance(unknowns, material.x_of(free.start))
+    return Unknowns(material, material_prior(free, {}, {}), fixed=tuple(known)), material.x_of(free.start)
 
 
 def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray]]) -> tuple[Problem, tuple[str, ...]]:

@@ -130,7 +130,7 @@ def _planned(
     specimen = problem.specimen
     measurement = specimen.measurement or Measurement()
     measured = replace(problem, specimen=specimen.model_copy(update={"measurement": measurement}))
-    context = replace(expected_context(measured, band_Hz, conditions), band_Hz=of_all)
+    context = replace(expected_context(measured, np.array(band_Hz), conditions), band_Hz=of_all)
     return subject(name, problem, None, np.zeros(0), context, fixture=fixture)
 
 

@@ -120,7 +120,7 @@ def modes(
     low, high = (0.0, 3.5 * problem.expected_pole_Hz) if band is None else two_hertz(band, "band")
     if not 0 <= low < high:
         raise InputError(f"{low:g} … {high:g} Hz is no band; give the lower frequency first")
-    problem, hidden = body_as_simulated(problem, effects_as_simulated(problem, (low, high), effects))
+    problem, hidden = body_as_simulated(problem, effects_as_simulated(problem, np.array([low, high]), effects))
     model = _model(problem, max(high, problem.expected_pole_Hz))
     reduced_to = max(1.3 * high, 1.5 * problem.expected_pole_Hz)
     reduced = reduce_model(model, [problem.constants], reduced_to, accuracy=_REDUCTION_ERROR)

@@ -32,9 +32,9 @@ class SimulationResult:
 
     Attributes
     ----------
-    effects : names of the [effects] that sweep, poles and zeros include
-    of_sweep_alone : names of effects of how the sweep was taken, such as a high drive, which poles and zeros leave out:
-        under them resonances move from point to point
+    effects : names of the [effects] that the sweep includes
+    of_sweep_alone : names of effects that poles and zeros leave out: those of how the sweep was taken, such as a high
+        drive, under which resonances move from point to point
     """
 
     specimen: Specimen
@@ -103,7 +103,7 @@ def simulate(
     """
     problem = prepare(specimen)
     frequency = sweep_frequencies(problem)
-    known = effects_as_simulated(problem, (float(frequency[0]), float(frequency[-1])), effects, frequency)
+    known = effects_as_simulated(problem, frequency, effects)
     if known and full_order:
         raise InputError(
             f"{specimen.path or specimen.name}: a full-order simulation cannot include [effects] or [fitted]; leave "

@@ -4,8 +4,6 @@ solvers.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from hidden_effects.build import Build
@@ -75,19 +73,16 @@ def write(
     *,
     resistance: float = 0.0,
     conductance: float = 0.0,
-    susceptance: Callable[[np.ndarray], np.ndarray] | None = None,
+    capacitance: float = 0.0,
     theta: np.ndarray = TRUTH,
     more: str = "",
     extra: str = "",
 ):
-    """Specimen file and noisy sweep of a body with a resistance in series and a conductance parallel to it.
-
-    susceptance : ω (k,) → further admittance (k,) parallel to it
-    """
+    """Specimen file and noisy sweep of a body, with a resistance in series and others parallel to it."""
     path = folder / f"{body}.toml"
     path.write_text(specification(body, TRUTH, more, extra), encoding="utf-8")
     frequency = np.linspace(*BODIES[body][2], 121)
-    parallel = conductance if susceptance is None else conductance + susceptance(2 * np.pi * frequency)
+    parallel = conductance + 2j * np.pi * frequency * capacitance
     z = 1 / (1 / exact(body, theta, frequency, path) + parallel) + resistance
     write_spectrum(ImpedanceSpectrum(frequency, noisy(z, NOISE, len(body))), folder / "sweep.csv")
     return read_specimen(path)
@@ -129,7 +124,7 @@ def test_cause_is_named_and_the_start_is_near(body, tmp_path):
 
 def test_parallel_capacitance_of_ten_times_that_of_the_body(tmp_path):
     """A fit of the constants alone puts all of it into ε33T; beside the cause, ε33T has to come back by as much."""
-    specimen = write(tmp_path, "k33", susceptance=lambda w: 2e-10j * w)
+    specimen = write(tmp_path, "k33", capacitance=2e-10)
 
     def without_cables(context):
         return [effect for effect in circuits.candidates(context) if effect.name != "cable"]

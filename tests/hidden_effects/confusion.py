@@ -82,7 +82,7 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     found.append(Rate("pairs: both named", sum(o.first for o in pairs), len(pairs), 0.8))
     found.append(Rate("pairs: both named or in a class", sum(o.in_class for o in pairs), len(pairs), 0.8))
     exact = [o for o in library if o.first and o.word == "effect"]
-    # in a laboratory the tolerances make the error of a right prediction larger than the noise
+    # in a laboratory, as every prefix of a name says, tolerances make the error of a right prediction larger than noise
     ideal = [o for o in exact if ":" not in o.name]
     for words, good in (
         ("noise", [o.ratio[0] < 1.3 for o in ideal]),

@@ -27,7 +27,7 @@ PZT5H = np.array(
 #: Free constants of k31 plates (poled along z) and of k33 bars (along x).
 FREE = {2: ("s11", "d31", "eps33T"), 0: ("s33", "d33", "eps33T")}
 #: Effects for which every sixth draw is a k33 bar: its sweep shows them as well as that of a plate.
-BARS = ("none", "leakage", "frequency_dependent_elastic_loss", "wrong_insensitive_parameter", "wrong_length")
+ALSO_ON_BARS = ("none", "leakage", "frequency_dependent_elastic_loss", "wrong_insensitive_parameter", "wrong_length")
 #: Effects on a bar that a sweep over two of its modes shows; a drift is drawn over the sweep of a plate.
 BAR_EFFECTS = (
     *("poling_gradient", "point_mass", "local_crack", "mounting", "tapered_width", "wedge", "wrong_width"),
@@ -136,7 +136,7 @@ def place_of(name: str, seed: int) -> tuple[int, int, bool]:
     """Lot, number of the set-up in it, and whether the draw is a bar."""
     lot, number = divmod(seed, 1000)
     number %= _SETUPS
-    bar = name.removeprefix(LABORATORY) in BARS and number == _SETUPS - 1
+    bar = name.removeprefix(LABORATORY) in ALSO_ON_BARS and number == _SETUPS - 1
     return lot, number, bar or name.startswith(BAR)
 
 

@@ -138,11 +138,13 @@ def test_smoothed_noise_is_no_effect(tmp_path):
 @pytest.mark.slow
 def test_confusion_matrix(capsys):
     """Every rate of the study reaches its required value."""
-    on_disks, on_bars, seed = bool(_number("ROUND", 0)), bool(_number("BARS", 0)), _number("SEED", 1000)
-    offered = list(ROUND_EFFECTS) if on_disks else BAR_EFFECTS if on_bars else list(EFFECTS)
-    effects = only.split(",") if (only := os.environ.get("HIDDEN_ONLY", "")) else offered
-    if on_disks or on_bars:
-        shapes = [f"{shape}:" for shape in ROUND] if on_disks else [BAR]
+    only, seed, shapes, offered = os.environ.get("HIDDEN_ONLY", ""), _number("SEED", 1000), [], list(EFFECTS)
+    if _number("ROUND", 0):
+        shapes, offered = [f"{shape}:" for shape in ROUND], list(ROUND_EFFECTS)
+    elif _number("BARS", 0):
+        shapes, offered = [BAR], list(BAR_EFFECTS)
+    effects = only.split(",") if only else offered
+    if shapes:
         wanted = jobs_of_shapes(shapes, effects, draws=_number("DRAWS", 5), nulls=_number("NULLS", 20), seed=seed)
     else:
         wanted = jobs(

@@ -34,7 +34,7 @@ def test_a_wrong_constant_is_simulated_as_the_constant_itself(tmp_path, name, er
 
 @pytest.mark.parametrize("command", [simulate, modes])
 def test_constants_of_no_stable_material_are_refused(tmp_path, command):
-    """s13 larger by 60 %: the plate had poles and zeros without a word."""
+    """s13 larger by 60 %: the bar had poles and zeros without a word."""
     table = "[effects.wrong_insensitive_parameter]\ns13 = 0.6\n"
     (tmp_path / "bar.toml").write_text(plate("bar", *_BAR) + material(_ALIKE, ["s11"]) + _SWEEP + table)
     with pytest.raises(InputError, match=r"\[effects\] leave: s11, s12, s13, .* not positive definite"):

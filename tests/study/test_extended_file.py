@@ -62,7 +62,7 @@ def diagnosed(request, sweeps, write_specimen_of, tmp_path):
 def curve(one: SimpleNamespace, file: Specimen) -> np.ndarray:
     """Z (k,) of a file as `simulate` takes it, by the reduced model of the diagnosis."""
     problem, frequency = prepare(file), one.result.spectrum.frequency
-    known = effects_as_simulated(problem, (frequency[0], frequency[-1]))
+    known = effects_as_simulated(problem, frequency)
     return simulated_with_effects(problem, one.model, frequency, known)
 
 

@@ -200,7 +200,7 @@ def test_a_larger_disk_of_a_given_mass_is_lighter(tmp_path):
     )
     one = read_specimen(tmp_path / "ring.toml")
     problem = prepare(one)
-    body, _ = body_as_simulated(problem, effects_as_simulated(problem, (1e3, 1e5)))
+    body, _ = body_as_simulated(problem, effects_as_simulated(problem, np.array([1e3, 1e5])))
     sizes = {"diameter": 20.4e-3, "inner_diameter": 8.16e-3}
     larger = prepare(one.model_copy(update={"geometry": one.geometry.model_copy(update=sizes)}))
     assert body.plate.volume == pytest.approx(larger.plate.volume, rel=1e-12, abs=0)
@@ -229,7 +229,7 @@ def test_a_trapezoid_has_wrong_dimensions_as_well(tmp_path, dimension):
         assert len(one) > 0
         np.testing.assert_allclose(eigenvalues(one), eigenvalues(other), rtol=1e-4)
     body, _ = body_as_simulated(
-        prepare(stretched.specimen), effects_as_simulated(prepare(stretched.specimen), (1e3, 1e5))
+        prepare(stretched.specimen), effects_as_simulated(prepare(stretched.specimen), np.array([1e3, 1e5]))
     )
     assert body.plate.volume == pytest.approx(prepare(meshed.specimen).plate.volume, rel=1e-12, abs=0)
 

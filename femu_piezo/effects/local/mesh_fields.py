@@ -35,7 +35,7 @@ from femu_piezo.forward.electrodes import electrode_faces, electrode_film
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.parity import ParityClass
-from femu_piezo.forward.reduced_basis import new_directions
+from femu_piezo.forward.reduced_basis import largest_norm, new_directions
 from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.threads import Once, in_parallel, made_once
@@ -118,9 +118,9 @@ class MeshFields(Fields):
         """Number of displacement unknowns of a sector beyond the driven one."""
         return self.of(name).shape[2]
 
-    def potentials(self, name: str) -> int:
+    def count_of_potentials(self, name: str) -> int:
         """Number of potential unknowns of a sector."""
-        return super().potentials(name) if name in (DRIVEN, SPOT) else self._potentials(name).shape[2]
+        return super().count_of_potentials(name) if name in (DRIVEN, SPOT) else self._potentials(name).shape[2]
 
     def class_of(self, name: str) -> Flipped:
         """`flipped_axes` of the sector."""
@@ -182,7 +182,7 @@ class MeshFields(Fields):
         """(4, n, k) of a sector's potential unknowns, without displacement; of the driven one the hot one last."""
         if name == DRIVEN:
             return self._driven[:, :, self.reduced.displacements :]
-        return self.of(name)[:, :, :0] if name == SPOT else self._class(flipped_axes(name))[name][1]
+        return self._class(flipped_axes(name))[name][1]
 
     @made_once
     def _driven(self) -> np.ndarray:
@@ -257,8 +257,8 @@ class MeshFields(Fields):
         known, responses = known.reshape(-1, known.shape[2]), responses.reshape(-1, responses.shape[-1])
         old = known[:n]
         outside = responses - known @ (old.T @ (self.mass @ responses[:n]))
-        largest = np.sqrt(np.max(np.sum(outside[:n] * (self.mass @ outside[:n]), axis=0)))
-        fresh = new_directions(old, outside[:n], _KEEP if least is None else least / largest, self.mass)
+        least = _KEEP * largest_norm(outside[:n], self.mass) if least is None else least
+        fresh = new_directions(old, outside[:n], least, self.mass)
         # the potentials follow the same combinations
         mix = np.linalg.lstsq(fresh.T @ (self.mass @ outside[:n]), np.eye(fresh.shape[1]), rcond=1e-10)[0]
         return np.concatenate([fresh, outside[n:] @ mix]).reshape(FIELDS, n // 3, fresh.shape[1])
@@ -276,11 +276,8 @@ class MeshFields(Fields):
         n, (flat, old) = self.mass.shape[0], (one.reshape(len(responses), one.shape[2]) for one in (moved, alone))
         rest = responses - flat @ (flat[:n].T @ (self.mass @ responses[:n]))
         rest[:n] = 0.0
-        largest, size = (np.sqrt(np.max(self._energy(fields).diagonal())) for fields in (responses, rest))
-        if size <= _KEEP * largest:
-            return alone[:, :, :0]
-        old = np.linalg.solve(np.linalg.cholesky(self._energy(old)), old.T).T
-        fresh = new_directions(old, rest, _KEEP * largest / size, self._uncoupled)
+        old = np.linalg.solve(np.linalg.cholesky(old.T @ (self._uncoupled @ old)), old.T).T
+        fresh = new_directions(old, rest, _KEEP * largest_norm(responses, self._uncoupled), self._uncoupled)
         return fresh.reshape(FIELDS, n // 3, fresh.shape[1])
 
     @made_once
@@ -294,7 +291,3 @@ class MeshFields(Fields):
             return self.model.products.applied([tensor], parts)[0].reshape(fields.shape)
 
         return spla.LinearOperator((FIELDS * self.model.basis.N,) * 2, matvec=times, matmat=times, dtype=float)
-
-    def _energy(self, fields: np.ndarray) -> np.ndarray:
-        """(k, k) of fields (4n, k) in `_uncoupled`."""
-        return fields.T @ (self._uncoupled @ fields)

@@ -185,7 +185,7 @@ class RoundFields(Fields):
         film = electrode_film(self.order(0).electrode_faces)
         before, after = ([one.fields for name in names for one in self._displacements(name)] for names in (left, right))
         found = np.hstack(before).T @ (film @ np.hstack(after))
-        added = [(0, sum(self.potentials(name) for name in names)) for names in (left, right)]
+        added = [(0, sum(map(self.count_of_potentials, names))) for names in (left, right)]
         return np.pad(found, added)
 
     def _displacements(self, name: str) -> list[_Modes]:

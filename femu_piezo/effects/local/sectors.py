@@ -48,7 +48,7 @@ class Fields(ABC):
     reduced: ReducedModel
     reference: PiezoConstants
 
-    def potentials(self, name: str) -> int:
+    def count_of_potentials(self, name: str) -> int:
         """Number of potential unknowns of a sector; of the driven one the inner potentials and the hot one."""
         return self.reduced.size - self.reduced.displacements if name == DRIVEN else 0
 
@@ -130,7 +130,8 @@ class Sectors:
     @made_once
     def member(self) -> np.ndarray:
         """(r,) index of each unknown's sector."""
-        numbers, potentials = np.arange(len(self.names)), [self.all_fields.potentials(name) for name in self.names]
+        numbers = np.arange(len(self.names))
+        potentials = [self.all_fields.count_of_potentials(name) for name in self.names]
         return np.concatenate([np.repeat(numbers, self._moved), np.repeat(numbers[::-1], potentials[::-1])])
 
     @property
