@@ -142,10 +142,11 @@ def pair(roots: Roots) -> tuple[Pair, ...]:
 
     The concave cost pairs a weak mode with the zero right beside it even where it sits between the pole and
     the zero of a strong one, where "next zero above" would swap them. Doubtful and unphysical ones are matched too: the
-    zero of a doubtful pole may be sound, and is that of no other pole. Poles or zeros without partner stay single.
+    zero of a doubtful pole may be sound, and is that of no other pole. Only a pole that gains energy is of no mode and
+    has no zero. Poles or zeros without partner stay single.
     """
     found = roots.inside
-    poles = roots.sound_and_doubtful("pole") + tuple(r for r in roots.unphysical if r.kind == "pole")
+    poles = roots.sound_and_doubtful("pole") + tuple(r for r in roots.unphysical if r.kind == "pole" and r.loss > 0)
     zeros = roots.sound_and_doubtful("zero")
     if not poles or not zeros:
         return ()

@@ -159,6 +159,24 @@ def test_a_mode_keeps_its_zero_beside_a_weak_one(modes, told, zero_Hz):
     assert pairs[1.0] == pytest.approx(zero_Hz, rel=1e-3)
 
 
+@pytest.mark.parametrize(("points", "softening"), [(401, 0.005), (801, 0.007)])
+def test_a_mode_that_the_drive_softens_keeps_its_zero(points, softening):
+    """Without noise its curve takes several poles, some of which gain energy: these are no modes and have no zeros."""
+    frequency, pole, zero, loss = np.linspace(30e3, 400e3, points), 167.3e3, 237.5e3, 0.015
+    share, softer = (zero / pole) ** 2 - 1, 0.0
+
+    def impedance(softer):
+        eigenvalue = (2 * np.pi * pole * (1 - softer)) ** 2
+        mode = share * eigenvalue / (eigenvalue * (1 + 1j * loss) - (2 * np.pi * frequency) ** 2)
+        return 1 / (2j * np.pi * frequency * 1e-11 * (1 - 1j * loss) * (1 + mode))
+
+    largest = np.max(1 / np.abs(impedance(0.0)))
+    for _ in range(30):
+        softer = softening / (np.abs(impedance(softer)) * largest) ** 2
+    (pair,) = extract(ImpedanceSpectrum(frequency, impedance(softer))).pairs
+    assert pair.zero.frequency_Hz == pytest.approx(zero, rel=1e-3)
+
+
 @pytest.mark.parametrize(("tan_d31", "order", "remarks"), [(0.013, -1, 1), (0.0155, 0, 0), (0.02, 1, 1)])
 def test_coupling_phase_is_the_balance_of_the_losses(tan_d31, order, remarks):
     """k² = d²/(s ε) has the loss angle tan δ + tan φ − 2 tan θ, and so has k_eff² of the fundamental to first order."""
