@@ -93,6 +93,7 @@ class _Search:
         self._known: dict[frozenset[str], Hypothesis] = {frozenset(): self._base}
         self._starts: list[list[Start]] = []  # of each single candidate
         self._taken_out: set[tuple[frozenset[str], str]] = set()  # set, and cause taken out of it
+        self._replaced: set[tuple[frozenset[str], str, str]] = set()  # set, cause and what took its place
         # set → every further candidate with the fit of the set enlarged by it
         self._expanded: dict[frozenset[str], tuple[tuple[Effect, Fit | None], ...]] = {}
 
@@ -120,8 +121,8 @@ class _Search:
             # a discrepancy may stand for several causes together: one of them gains nothing then, two may
             if fruitless == (2 if best.discrepant else 1):
                 break
-        # | runs both: an exchange may bring up a set in which a cause is superfluous
-        while (self._exchange() | self._thinned()) and not self._unknown():
+        # | runs all: an exchange may bring up a set in which a cause is superfluous
+        while (self._exchange() | self._thinned() | self._replaced_by_circuits()) and not self._unknown():
             pass
 
     def _beam(self, size: int) -> list[Hypothesis]:
@@ -177,6 +178,26 @@ class _Search:
             return False
         for key in best.keys:
             self._keep(f for _, f in self._expand(self._without(best.fit, key)))
+        return self._described().keys != best.keys
+
+    def _replaced_by_circuits(self) -> bool:
+        """Fit the circuits that a cause of the best set may be confused with from where it ended; whether one is better.
+
+        A set is enlarged from where the constants make up for a cause that it lacks. A circuit may be larger than the
+        specimen; the fit of another one that explains as much may stop in a minimum on that long way, which from where
+        the best set ended is short.
+        """
+        best, found = self._described(), []
+        for cause in best.fit.parameters.causes:
+            for other in self._library:
+                known = self._known.get(best.keys - {cause.key} | {other.key})
+                near = known is not None and known.log_posterior > best.log_posterior - self._rules.alike
+                new = (best.keys, cause.key, other.key) not in self._replaced
+                if new and not near and other.circuit and other.key not in best.keys and _alike(cause, other):
+                    self._replaced.add((best.keys, cause.key, other.key))
+                    found.append(best.fit.parameters.without_candidate(cause.key).with_candidate(other))
+        own = best.fit.parameters, best.fit.x
+        self._keep(in_parallel(lambda unknowns: self._weighing.fitted(unknowns, [unknowns.carried(*own)]), found))
         return self._described().keys != best.keys
 
     def _without(self, current: Fit, key: str) -> Fit:
@@ -323,3 +344,8 @@ class _Search:
         titles = (({cause.title for cause in h.fit.parameters.causes}, h) for h in self._known.values())
         holding = [h.log_posterior for held, h in titles if title in held]
         return float(np.exp(logsumexp(holding) - total)) if holding else 0.0
+
+
+def _alike(first: Effect, second: Effect) -> bool:
+    """Whether one of two effects is said to be hard to tell from the other."""
+    return second.name in first.confusable_with or first.name in second.confusable_with

@@ -136,6 +136,15 @@ def test_smoothed_noise_is_no_effect(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_stray_capacitance_as_large_as_that_of_the_bar_is_told_beside_the_cable(tmp_path):
+    """19 pF beside a bar of 20 pF: from where the constants make up for it, the fit of the capacitance stops far off;
+    a cable was named with 1.00 and nothing beside it.
+    """
+    outcome = judge_draw(draw("bar:stray_capacitance", 700000), tmp_path)
+    assert outcome.word == "effect" and outcome.in_class
+
+
+@pytest.mark.slow
 def test_confusion_matrix(capsys):
     """Every rate of the study reaches its required value."""
     only, seed, shapes, offered = os.environ.get("HIDDEN_ONLY", ""), _number("SEED", 1000), [], list(EFFECTS)

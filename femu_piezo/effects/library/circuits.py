@@ -70,6 +70,8 @@ def _gap(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
 #: Usual capacitance of a specimen over that of a gap: 0.34 where 1 mm of ceramic with ε33T = 3400 ε0 has a tenth of a
 #: micrometre of air in series.
 _GAP = 0.5
+#: Usual capacitance of clips and unshielded leads, F, which a specimen of less than ten times it has beside it too.
+_CLIPS = 10e-12
 #: Wave speed in a cable, m/s, and its usual wave impedance, ohm.
 _WAVE_SPEED, _WAVE_IMPEDANCE = 0.66 * 299792458.0, 50.0
 
@@ -92,10 +94,10 @@ def _cable(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """Usual sizes follow the specimen: a share of its impedance, of its capacitance, of its admittance."""
+    """Usual sizes follow the specimen: a share of its impedance, of its capacitance (or clips), of its admittance."""
     omega = 2 * np.pi * context.fundamental_Hz
     typical_capacitance, typical_inductance = 1 / (omega * context.impedance), context.impedance / omega
-    conductance = 1 / context.impedance
+    conductance, stray = 1 / context.impedance, max(0.1 * typical_capacitance, _CLIPS)
     tolerances = context.tolerances
     return (
         Effect(
@@ -154,9 +156,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     "capacitance",
                     "F",
                     -0.5 * typical_capacitance,
-                    3 * typical_capacitance,
-                    0.01 * typical_capacitance,
-                    0.1 * typical_capacitance,
+                    30 * stray,
+                    0.1 * stray,
+                    stray,
                     tolerance=tolerances.get("capacitance", 0.0),
                 ),
             ),
