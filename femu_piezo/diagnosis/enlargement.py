@@ -88,6 +88,8 @@ class Enlargement:
         self._log_evidence = weighing.log_evidence(current, self._forms, self._level)
         self._prospects = self._screened(candidates, known, tell, words)
         self.starts = [prospect.starts for prospect in self._prospects]
+        if self._driven_off():
+            self._fit_circuits()
         self._fit_roughly()
         if self._from_no_cause:
             self._fit_from_steps()
@@ -163,6 +165,21 @@ class Enlargement:
             if prospect.rough is None or (fit is not None and fit.log_evidence > prospect.rough.log_evidence)
         ]
         self._record([prospect for prospect, _ in better], [fit for _, fit in better])
+
+    def _driven_off(self) -> bool:
+        """Whether a fit without causes has moved a constant farther from the specimen file than its prior deviation."""
+        parameters = self._current.parameters
+        moved = (self._current.x - parameters.prior_mean) / parameters.prior_std
+        return self._from_no_cause and bool(np.any(np.abs(moved[: parameters.of_material]) > 1))
+
+    def _fit_circuits(self) -> None:
+        """Fit the circuits, also from what the specimen file states.
+
+        A circuit as large as the specimen drives the constants of a fit without it far off. From there linearisation
+        promises nothing of it, and descents stop on their long way back.
+        """
+        circuits = [prospect for prospect in self._of_causes if prospect.effect.circuit is not None]
+        self._record(circuits, list(in_parallel(self._from_file, circuits)))
 
     def _fit_roughly(self) -> None:
         """Fit causes in the order of the log odds they promise, then forms of unknown errors."""
@@ -268,6 +285,10 @@ class Enlargement:
                 prospect.close = found
                 if found is not None and not prospect.effect.of_unknown:
                     best = max(best, self._odds(found, prospect.effect))
+
+    def _from_file(self, prospect: _Prospect) -> Fit | None:
+        start, parameters = prospect.starts[0], prospect.starts[0].linear.parameters
+        return self._weighing.fitted(parameters, [parameters.prior_mean, start.x, start.stepped()], COARSE)
 
     def _roughly(self, prospect: _Prospect) -> Fit | None:
         likely = prospect.starts if self._from_no_cause and prospect.effect.sites is not None else prospect.starts[:1]

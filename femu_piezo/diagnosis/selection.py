@@ -181,7 +181,7 @@ class _Search:
         return self._described().keys != best.keys
 
     def _replaced_by_circuits(self) -> bool:
-        """Fit the circuits that a cause of the best set may be confused with from where it ended; whether one is better.
+        """Fit the circuits that causes of the best set may be confused with from its end; whether one is better.
 
         A set is enlarged from where the constants make up for a cause that it lacks. A circuit may be larger than the
         specimen; the fit of another one that explains as much may stop in a minimum on that long way, which from where

@@ -114,12 +114,14 @@ class EffectParameter:
     low, high : bounds of a fit, with `rest` between them
     scale : a usual size, the unit of the fit
     spread : usual distance from `rest` where the effect is present: the standard deviation of the prior of a candidate.
-        For a parameter in `Effect.sizes` the prior is a mixture (`femu_piezo.inference.priors`), and this its widest
+        For the parameters in `Effect.of_any_scale` the prior is a mixture (`femu_piezo.inference.priors`), and this its
+        widest
     tolerance : usual distance from `rest` where the effect is no cause (a calliper's deviation, the residue of a
         fixture): the standard deviation of the prior in every fit; 0 where the parameter is exactly at rest
     starts : further values to start a fit from, besides the one that linearisation at `rest` gives
     rest : the value at which the effect vanishes
     optional : whether a specimen file may leave the parameter out, which puts it at `rest`
+    often_small : for an optional one, whether it may be smaller than `spread` by orders of magnitude, as a size may
     law_error : standard deviation, relative to the value, of the error that the approximations of the law make in the
         parameter. For the first parameter, the size, also the share of the effect's change of log Z that the law
         misses, independently in each band
@@ -137,6 +139,7 @@ class EffectParameter:
     starts: tuple[float, ...] = ()
     rest: float = 0.0
     optional: bool = False
+    often_small: bool = False
     law_error: float = 0.0
     law_detuning: float = 0.0
     tolerance: float = 0.0
@@ -295,6 +298,11 @@ class Effect:
         optional = np.array([parameter.optional for parameter in self.parameters])
         placed = optional if self.sites is None else optional | (np.ptp(self.sites, axis=0) > 0)
         return np.flatnonzero(~placed)
+
+    @property
+    def of_any_scale(self) -> np.ndarray:
+        """Indices of the parameters that may be smaller than their `spread` by orders of magnitude."""
+        return np.union1d(self.sizes, np.flatnonzero([parameter.often_small for parameter in self.parameters]))
 
     @property
     def on_constants(self) -> bool:

@@ -4,11 +4,12 @@ A fit holds every parameter p of a cause by a normal prior N(p; r, τ) about res
 
     π(p) = ∫ N(p; r, uτ) / P(low < p < high | uτ) d(ln u)/ln U,   1/U < u < 1,   low < p < high,
 
-for a size, and the same with u = 1 for any other parameter. It is normalised within its bounds: a place that may be
-anywhere along an edge has the density 1/(length of the edge). τ is the largest usual size of a cause; its actual size
-may be smaller by two orders of magnitude, U = 100. So odds depend little on τ, and a small cause that is plain to see
-does not lose evidence to large ones that might have been (a mixture of scales, as Liang et al., J. Am. Stat. Assoc. 103
-(2008) 410, have it for sets of regressors). All other unknowns integrated out, the likelihood of p is taken as normal:
+for a size (`Effect.of_any_scale`), and the same with u = 1 for any other parameter. It is normalised within its bounds:
+a place that may be anywhere along an edge has the density 1/(length of the edge). τ is the largest usual size of a
+cause; its actual size may be smaller by two orders of magnitude, U = 100. So odds depend little on τ, and a small cause
+that is plain to see does not lose evidence to large ones that might have been (a mixture of scales, as Liang et al., J.
+Am. Stat. Assoc. 103 (2008) 410, have it for sets of regressors). All other unknowns integrated out, the likelihood of p
+is taken as normal:
 
     ln L(p) = h (p − r) − ½ q (p − r)² + constant,    q = 1/σ² − 1/τ²,  h = (p̂ − r)/σ²
 
@@ -49,7 +50,7 @@ def log_prior_gain(effect: Effect, estimate: np.ndarray, covariance: np.ndarray)
     found, bounds = np.zeros(estimate.shape[:-1]), effect.bounds / effect.scale[:, None] - rest[:, None]
     for number in np.flatnonzero(spread > 0):
         usual, least = spread[number], effect.tolerance[number] / effect.scale[number]
-        spreads = np.maximum(usual * _SHARES, least) if number in effect.sizes else np.atleast_1d(usual)
+        spreads = np.maximum(usual * _SHARES, least) if number in effect.of_any_scale else np.atleast_1d(usual)
         low, high = bounds[number]
         found += _gain(estimate[..., [number]] - rest[number], std[..., [number]], (low, high), usual, spreads)
     return found

@@ -29,7 +29,7 @@ ORDERS = (13, 10, 5)
 SIZES = {
     "series_resistance": 3.0,
     "series_inductance": (5e-6, 2e-7),
-    "stray_capacitance": 20e-12,
+    "stray_capacitance": (20e-12, 0.05),
     "leakage": 2e-5,
     "contact_gap": (1 / 20e-9, 6e3),
     "cable": (1.5, 75.0, 0.3),
@@ -208,11 +208,10 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
     if key == "series_inductance":
         inductance, time_constant = size
         return z + 1 / (1 / (1j * OMEGA * inductance) + time_constant / inductance)  # parallel to a resistor
-    return {
-        "series_resistance": z + size,
-        "stray_capacitance": 1 / (1 / z + 1j * OMEGA * size),
-        "leakage": 1 / (1 / z + size),
-    }[key]
+    if key == "stray_capacitance":
+        capacitance, tangent = size
+        return 1 / (1 / z + 1j * OMEGA * capacitance + OMEGA * capacitance * tangent)
+    return {"series_resistance": z + size, "leakage": 1 / (1 / z + size)}[key]
 
 
 @pytest.mark.parametrize("key", SIZES)
@@ -245,7 +244,7 @@ def test_every_jacobian_against_richardson_differences(setup):
         def along(t, parameters=parameters, x=x, direction=direction):
             return setup.evaluation.impedance(parameters, x + t * direction)
 
-        h = 3e-4
+        h = 1e-4
         numeric = (8 * (along(h) - along(-h)) - along(2 * h) + along(-2 * h)) / (12 * h)
         slope = tangents @ direction
         assert np.max(np.abs((slope - numeric) / z)) < 1e-5 * np.max(np.abs(slope / z)), key

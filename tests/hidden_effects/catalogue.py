@@ -71,11 +71,11 @@ def series_inductance(build, rng, variant) -> Hidden:
 
 
 def stray_capacitance(build, rng, variant) -> Hidden:
-    """A capacitance in parallel. Variant: a lossy cable."""
-    value = log_uniform(rng, 5e-12, 40e-12)
-    tangent = 0.03 if variant else 0.0
-    build.circuits.append(lambda w, z: 1 / (1 / z + 1j * w * value * (1 - 1j * tangent)))
-    return Hidden("stray_capacitance", {"capacitance": value}, variant="lossy" * variant)
+    """A capacitance in parallel. Variant: the insulation of the leads has a relaxation."""
+    value, tau = log_uniform(rng, 5e-12, 40e-12), 1 / (2 * np.pi * 150e3)
+    share = 0.06 if variant else 0.0
+    build.circuits.append(lambda w, z: 1 / (1 / z + 1j * w * value * (1 + share / (1 + 1j * w * tau))))
+    return Hidden("stray_capacitance", {"capacitance": value}, variant="relaxing" * variant)
 
 
 def leakage(build, rng, variant) -> Hidden:

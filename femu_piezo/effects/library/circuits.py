@@ -1,6 +1,6 @@
 """What leads, contacts and the fixture add at the terminals; either sign, since a compensation may take off too much.
 
-    series_resistance   Z' = Z + R              stray_capacitance   Y' = Y + jωC
+    series_resistance   Z' = Z + R              stray_capacitance   Y' = Y + jωC (1 − j tan δ)
     series_inductance   Z' = Z + jωL/(1 + jωτ)  leakage             Y' = Y + G
     contact_gap         Z' = Z + E/(jω + 2πc)   cable               Z' = Zc (Z + Zc tanh γℓ)/(Zc + Z tanh γℓ)
 
@@ -18,40 +18,29 @@ gap is nearest to the body, then the leakage; then come the leads, the fixture, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from femu_piezo.effects.effect import CircuitHook, Effect, EffectContext, EffectParameter
+from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 
 
-def _in_series(slope: Callable[[np.ndarray], np.ndarray]) -> CircuitHook:
-    """Z' = Z + p · slope(ω)."""
-
-    def circuit(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
-        by_p = slope(omega)
-        return z + by_p * p[0], np.ones_like(z), by_p[:, None]
-
-    return circuit
+def _resistor(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
+    """Z' = Z + R, p = (R,)."""
+    ones = np.ones_like(z)
+    return z + p[0], ones, ones[:, None]
 
 
-def _in_parallel(slope: Callable[[np.ndarray], np.ndarray]) -> CircuitHook:
-    """Y' = Y + p · slope(ω)."""
-
-    def circuit(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
-        by_p = slope(omega)  # ∂Y'/∂p
-        ratio = 1 / (1 + by_p * p[0] * z)  # Z'/Z, and ∂Z'/∂Z = ratio²
-        return z * ratio, ratio**2, (-by_p * (z * ratio) ** 2)[:, None]
-
-    return circuit
+def _conductance(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
+    """Y' = Y + G, p = (G,)."""
+    ratio = 1 / (1 + p[0] * z)  # Z'/Z, and ∂Z'/∂Z = ratio²
+    return z * ratio, ratio**2, -((z * ratio) ** 2)[:, None]
 
 
-def _constant(omega: np.ndarray) -> np.ndarray:
-    return np.ones(omega.shape, dtype=complex)
-
-
-def _derivative(omega: np.ndarray) -> np.ndarray:
-    return 1j * omega
+def _capacitor(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
+    """Y' = Y + jωC (1 − j tan δ), p = (C, tan δ)."""
+    by_capacitance = 1j * omega * (1 - 1j * p[1])  # ∂Y'/∂C
+    ratio = 1 / (1 + by_capacitance * p[0] * z)
+    found = z * ratio
+    return found, ratio**2, np.stack([by_capacitance, omega * p[0]], axis=1) * -(found**2)[:, None]
 
 
 def _lead(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
@@ -70,8 +59,8 @@ def _gap(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
 #: Usual capacitance of a specimen over that of a gap: 0.34 where 1 mm of ceramic with ε33T = 3400 ε0 has a tenth of a
 #: micrometre of air in series.
 _GAP = 0.5
-#: Usual capacitance of clips and unshielded leads, F, which a specimen of less than ten times it has beside it too.
-_CLIPS = 10e-12
+#: Usual capacitance of clips and half a metre of unshielded leads, F, which a small specimen has beside it too.
+_CLIPS = 20e-12
 #: Wave speed in a cable, m/s, and its usual wave impedance, ohm.
 _WAVE_SPEED, _WAVE_IMPEDANCE = 0.66 * 299792458.0, 50.0
 
@@ -116,7 +105,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             confusable_with=("tan_s11", "tan_eps33T"),
             advice=("measure with a four-wire fixture after a short-circuit compensation",),
-            circuit=_in_series(_constant),
+            circuit=_resistor,
             outward=2.0,
         ),
         Effect(
@@ -161,6 +150,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     stray,
                     tolerance=tolerances.get("capacitance", 0.0),
                 ),
+                # 2e-4 of polyethylene to 0.1 of soft PVC
+                EffectParameter("loss_tangent", "1", -0.2, 0.2, 0.01, 0.03, optional=True, often_small=True),
             ),
             confusable_with=("eps33T",),
             advice=(
@@ -168,7 +159,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "measure a second specimen of the same material and another size: its capacitance differs, the stray "
                 "capacitance stays the same",
             ),
-            circuit=_in_parallel(_derivative),
+            circuit=_capacitor,
             outward=4.0,
         ),
         Effect(
@@ -184,7 +175,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "measure at 100 Hz to 1 kHz, where a leakage conductance raises the loss tangent most",
                 "clean and dry the rim",
             ),
-            circuit=_in_parallel(_constant),
+            circuit=_conductance,
             outward=1.0,
         ),
         Effect(
