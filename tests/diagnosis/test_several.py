@@ -132,7 +132,7 @@ def test_jacobian_of_several_sweeps(bars):
     length, stray = (next(e for e in bars.library["long"] if e.name == name) for name in names)
     ensemble = Ensemble(tuple((Share((name,)), part) for name, part in bars.parts.items()))
     parameters = bars.unknowns.with_candidate(with_owner(length, "short")).with_candidate(stray)
-    x = np.concatenate([bars.x, [0.7, 0.4]])
+    x = np.concatenate([bars.x, [0.7, 0.4, 2.0]])  # the loss tangent of the stray capacitance is the last one
     z, slopes = ensemble.with_jacobian(parameters, x)
     points = bars.frequency["long"].size
     assert np.all(slopes[:points, 6] == 0) and np.all(slopes[points:, 6] != 0)
@@ -143,7 +143,7 @@ def test_jacobian_of_several_sweeps(bars):
         assert np.max(np.abs((slopes[:, column] - numeric) / z)) < 1e-4 * np.max(np.abs(slopes[:, column] / z))
     of_long, columns = Share(("long",)).of(parameters)
     assert [effect.name for effect in of_long.effects] == ["stray_capacitance"]
-    assert columns.tolist() == [0, 1, 2, 3, 4, 5, 7]
+    assert columns.tolist() == [0, 1, 2, 3, 4, 5, 7, 8]
 
 
 def test_left_out_bands_are_those_of_each_sweep(bars):
