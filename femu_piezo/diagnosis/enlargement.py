@@ -88,7 +88,7 @@ class Enlargement:
         self._log_evidence = weighing.log_evidence(current, self._forms, self._level)
         self._prospects = self._screened(candidates, known, tell, words)
         self.starts = [prospect.starts for prospect in self._prospects]
-        if self._driven_off():
+        if self._from_no_cause and self._driven_off():
             self._fit_circuits()
         self._fit_roughly()
         if self._from_no_cause:
@@ -167,10 +167,10 @@ class Enlargement:
         self._record([prospect for prospect, _ in better], [fit for _, fit in better])
 
     def _driven_off(self) -> bool:
-        """Whether a fit without causes has moved a constant farther from the specimen file than its prior deviation."""
+        """Whether the fit has moved a constant farther from the specimen file than its prior deviation."""
         parameters = self._current.parameters
         moved = (self._current.x - parameters.prior_mean) / parameters.prior_std
-        return self._from_no_cause and bool(np.any(np.abs(moved[: parameters.of_material]) > 1))
+        return bool(np.any(np.abs(moved[: parameters.of_material]) > 1))
 
     def _fit_circuits(self) -> None:
         """Fit the circuits, also from what the specimen file states.
@@ -286,15 +286,16 @@ class Enlargement:
                 if found is not None and not prospect.effect.of_unknown:
                     best = max(best, self._odds(found, prospect.effect))
 
-    def _from_file(self, prospect: _Prospect) -> Fit | None:
-        start, parameters = prospect.starts[0], prospect.starts[0].linear.parameters
-        return self._weighing.fitted(parameters, [parameters.prior_mean, start.x, start.stepped()], COARSE)
-
-    def _roughly(self, prospect: _Prospect) -> Fit | None:
+    def _roughly(self, prospect: _Prospect, *further: np.ndarray) -> Fit | None:
+        """A rough fit from the starts of the screening, and from further places (n_x,)."""
         likely = prospect.starts if self._from_no_cause and prospect.effect.sites is not None else prospect.starts[:1]
-        begins = [prospect.starts[0].x, *(start.stepped() for start in likely)]
+        begins = [*further, prospect.starts[0].x, *(start.stepped() for start in likely)]
         begins += [start.x for start in of_either_sign(prospect.starts)] if self._from_no_cause else []
         return self._weighing.fitted(prospect.starts[0].linear.parameters, begins, COARSE)
+
+    def _from_file(self, prospect: _Prospect) -> Fit | None:
+        """A rough fit that also begins at what the specimen file states."""
+        return self._roughly(prospect, prospect.starts[0].linear.parameters.prior_mean)
 
     def _from_means(self, prospect: _Prospect) -> Fit | None:
         at_means = starts_at_prior_means(self._weighing.response, self._current, prospect.effect)

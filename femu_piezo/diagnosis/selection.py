@@ -181,11 +181,11 @@ class _Search:
         return self._described().keys != best.keys
 
     def _replaced_by_circuits(self) -> bool:
-        """Fit the circuits that causes of the best set may be confused with from its end; whether one is better.
+        """Replace each cause of the best set by circuits it may be confused with; whether a better set was found.
 
-        A set is enlarged from where the constants make up for a cause that it lacks. A circuit may be larger than the
-        specimen; the fit of another one that explains as much may stop in a minimum on that long way, which from where
-        the best set ended is short.
+        A set is enlarged from where the constants make up for a cause that it lacks. If that is a circuit larger than
+        the specimen, the way from there is long, and the fit of another circuit that explains as much may stop in a
+        minimum on it. From where the fit of the best set ended the way is short.
         """
         best, found = self._described(), []
         for cause in best.fit.parameters.causes:
@@ -193,7 +193,7 @@ class _Search:
                 known = self._known.get(best.keys - {cause.key} | {other.key})
                 near = known is not None and known.log_posterior > best.log_posterior - self._rules.alike
                 new = (best.keys, cause.key, other.key) not in self._replaced
-                if new and not near and other.circuit and other.key not in best.keys and _alike(cause, other):
+                if new and not near and other.circuit and other.key not in best.keys and _confusable(cause, other):
                     self._replaced.add((best.keys, cause.key, other.key))
                     found.append(best.fit.parameters.without_candidate(cause.key).with_candidate(other))
         own = best.fit.parameters, best.fit.x
@@ -346,6 +346,6 @@ class _Search:
         return float(np.exp(logsumexp(holding) - total)) if holding else 0.0
 
 
-def _alike(first: Effect, second: Effect) -> bool:
+def _confusable(first: Effect, second: Effect) -> bool:
     """Whether one of two effects is said to be hard to tell from the other."""
     return second.name in first.confusable_with or first.name in second.confusable_with

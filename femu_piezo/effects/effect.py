@@ -299,7 +299,7 @@ class Effect:
         placed = optional if self.sites is None else optional | (np.ptp(self.sites, axis=0) > 0)
         return np.flatnonzero(~placed)
 
-    @property
+    @made_once
     def of_any_scale(self) -> np.ndarray:
         """Indices of the parameters that may be smaller than their `spread` by orders of magnitude."""
         return np.union1d(self.sizes, np.flatnonzero([parameter.often_small for parameter in self.parameters]))

@@ -75,7 +75,7 @@ def stray_capacitance(build, rng, variant) -> Hidden:
     value, tau = log_uniform(rng, 5e-12, 40e-12), 1 / (2 * np.pi * 150e3)
     share = 0.06 if variant else 0.0
     build.circuits.append(lambda w, z: 1 / (1 / z + 1j * w * value * (1 + share / (1 + 1j * w * tau))))
-    return Hidden("stray_capacitance", {"capacitance": value}, variant="relaxing" * variant)
+    return Hidden("stray_capacitance", {"capacitance": value}, variant="relaxing" * variant, sized=not variant)
 
 
 def leakage(build, rng, variant) -> Hidden:

@@ -23,43 +23,50 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 
 
+def _in_series(z: np.ndarray, impedance: np.ndarray | float, *slopes: np.ndarray):
+    """Z' = Z + impedance, with the slopes of the impedance in the parameters."""
+    return z + impedance, np.ones_like(z), np.stack(slopes, axis=1)
+
+
+def _in_parallel(z: np.ndarray, admittance: np.ndarray | float, *slopes: np.ndarray):
+    """Y' = Y + admittance, with the slopes of the admittance in the parameters."""
+    ratio = 1 / (1 + admittance * z)  # Z'/Z, and ∂Z'/∂Z = ratio²
+    found = z * ratio
+    return found, ratio**2, np.stack(slopes, axis=1) * -(found**2)[:, None]
+
+
 def _resistor(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
     """Z' = Z + R, p = (R,)."""
-    ones = np.ones_like(z)
-    return z + p[0], ones, ones[:, None]
+    return _in_series(z, p[0], np.ones_like(z))
 
 
 def _conductance(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
     """Y' = Y + G, p = (G,)."""
-    ratio = 1 / (1 + p[0] * z)  # Z'/Z, and ∂Z'/∂Z = ratio²
-    return z * ratio, ratio**2, -((z * ratio) ** 2)[:, None]
+    return _in_parallel(z, p[0], np.ones_like(z))
 
 
 def _capacitor(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
     """Y' = Y + jωC (1 − j tan δ), p = (C, tan δ)."""
-    by_capacitance = 1j * omega * (1 - 1j * p[1])  # ∂Y'/∂C
-    ratio = 1 / (1 + by_capacitance * p[0] * z)
-    found = z * ratio
-    return found, ratio**2, np.stack([by_capacitance, omega * p[0]], axis=1) * -(found**2)[:, None]
+    by_capacitance = 1j * omega * (1 - 1j * p[1])
+    return _in_parallel(z, by_capacitance * p[0], by_capacitance, omega * p[0])
 
 
 def _lead(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
     """Z' = Z + jωL/(1 + jωτ), p = (L, τ)."""
-    share = 1 / (1 + 1j * omega * p[1])
-    by_inductance = 1j * omega * share
-    return z + by_inductance * p[0], np.ones_like(z), np.stack([by_inductance, -p[0] * by_inductance**2], axis=1)
+    by_inductance = 1j * omega / (1 + 1j * omega * p[1])
+    return _in_series(z, by_inductance * p[0], by_inductance, -p[0] * by_inductance**2)
 
 
 def _gap(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
     """Z' = Z + E/(jω + 2πc), p = (E, c)."""
     share = 1 / (1j * omega + 2 * np.pi * p[1])
-    return z + p[0] * share, np.ones_like(z), np.stack([share, -2 * np.pi * p[0] * share**2], axis=1)
+    return _in_series(z, p[0] * share, share, -2 * np.pi * p[0] * share**2)
 
 
 #: Usual capacitance of a specimen over that of a gap: 0.34 where 1 mm of ceramic with ε33T = 3400 ε0 has a tenth of a
 #: micrometre of air in series.
 _GAP = 0.5
-#: Usual capacitance of clips and half a metre of unshielded leads, F, which a small specimen has beside it too.
+#: Usual capacitance of clips and half a metre of unshielded leads, F, however small the specimen is.
 _CLIPS = 20e-12
 #: Wave speed in a cable, m/s, and its usual wave impedance, ohm.
 _WAVE_SPEED, _WAVE_IMPEDANCE = 0.66 * 299792458.0, 50.0
@@ -83,7 +90,7 @@ def _cable(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """Usual sizes follow the specimen: a share of its impedance, of its capacitance (or clips), of its admittance."""
+    """Usual sizes are shares of impedance, admittance and capacitance of the specimen, the last at least `_CLIPS`."""
     omega = 2 * np.pi * context.fundamental_Hz
     typical_capacitance, typical_inductance = 1 / (omega * context.impedance), context.impedance / omega
     conductance, stray = 1 / context.impedance, max(0.1 * typical_capacitance, _CLIPS)
