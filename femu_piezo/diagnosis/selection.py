@@ -277,13 +277,9 @@ class _Search:
         described = best.fit
         for effect in best.forms:
             described = self._without(described, effect.key)
-        none = self._base.log_posterior
         return Comparison(
             base=base,
-            singles=tuple(
-                Trial(effect, fit_, -np.inf if fit_ is None else self._weighing.hypothesis(fit_).log_posterior - none)
-                for effect, fit_ in self._expand(self._base.fit)
-            ),
+            singles=tuple(self._alone(effect) for effect, _ in self._expand(self._base.fit)),
             starts=tuple(of_candidate[0] for of_candidate in self._starts),
             final=final,
             described=described,
@@ -294,6 +290,13 @@ class _Search:
             rules=self._rules,
             probabilities={effect.title: self._probability(effect.title, total) for effect in self._library},
         )
+
+    def _alone(self, effect: Effect) -> Trial:
+        """The best fit with an effect as the only cause, whichever set it was reached from, and its log odds."""
+        known = self._known.get(frozenset({effect.key}))
+        if known is None:
+            return Trial(effect, None, -np.inf)
+        return Trial(effect, known.fit, known.log_posterior - self._base.log_posterior)
 
     def _finished(self, hypothesis: Hypothesis) -> Hypothesis:
         """The hypothesis with a close fit; fits of the search are only exact enough to rank sets."""
