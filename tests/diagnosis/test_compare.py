@@ -139,6 +139,16 @@ def test_false_alarms_are_rare(setup, known):
     assert alarms <= 1
 
 
+def test_candidates_are_listed_with_their_best_fits(setup):
+    """The fit of the named cause is brought to its end after the first round of fits: the list has this one."""
+    library = [setup.library[name] for name in ("series_resistance", "leakage")]
+    result = compare(
+        setup.evaluation, data_with(setup, {"series_resistance": 2.0}, 5), setup.unknowns, setup.x, library
+    )
+    (trial,) = (trial for trial in result.singles if trial.effect.key == "series_resistance")
+    assert trial.fit is result.final
+
+
 def test_what_no_candidate_describes_is_unknown(setup):
     """A bump of log |Z| near 160 kHz: the residual has structure there, and no cause is named with confidence."""
     data = data_with(setup, {}, 3)
