@@ -61,13 +61,16 @@ def test_the_fit_begins_at_the_pole_zero_update_where_that_is_near(sweeps, write
     def away(found) -> np.ndarray:
         return np.abs([getattr(found.constants, name) / getattr(truth, name) - 1 for name in TRIO])
 
+    def from_the_fit(found) -> bool:
+        return not np.allclose(found.constants.vector(), found.histories[0][-1].constants.vector(), rtol=1e-12, atol=0)
+
     near = begin(measured, Bases())
-    assert near.constants == near.histories[0][-1].constants
+    assert not from_the_fit(near)
     assert np.all(away(near) < 0.01)
     monkeypatch.setattr(beginning, "_POOR", 0.0)
     monkeypatch.setattr(beginning, "_LEAST_POOR", 0.0)
     fitted = begin(measured, Bases())
-    assert fitted.constants != fitted.histories[0][-1].constants
+    assert from_the_fit(fitted)
     assert np.linalg.norm(away(fitted)) < np.linalg.norm(away(near))
 
 
