@@ -9,10 +9,10 @@ where the sweep says otherwise. Equal inputs give equal bits.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, MutableMapping, Sequence
 from threading import Lock
 from typing import Any, Protocol, TypeVar
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 
@@ -53,12 +53,17 @@ class Swept(Protocol):
 class Bases:
     """Models and reduced bases made for the specimens at hand, around their own start values.
 
-    Only rough bases are kept, for further starts in their range.
+    Rough bases are kept, for further starts in their range. Specimens of equal shape, density and band share models and
+    bases with effects, which are kept as long as they are in use.
     """
 
     def __init__(self) -> None:
         self._anchors: list[FreeConstants] = []
-        self._rough: dict[Hashable, ExtendedModel] = {}
+        self._shelves: dict[str, MutableMapping[Hashable, Any]] = {
+            "model": WeakValueDictionary(),
+            "rough": {},
+            "extended": WeakValueDictionary(),
+        }
 
     def model(self, one: Swept, accuracy: float) -> ElectroelasticModel:
         """Mesh within `accuracy` (relative, of eigenvalues) to the end of the sweep."""
@@ -149,18 +154,21 @@ class Bases:
         return accuracy
 
     def _model(self, problem: Problem, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
-        return problem.model(frequency_Hz, accuracy)
+        key = (body_of(problem), problem.shear_speed, frequency_Hz, accuracy)
+        return self._kept("model", key, lambda: problem.model(frequency_Hz, accuracy))
 
     def _basis(
         self, kind: str, model: ElectroelasticModel, key: tuple[Hashable, ...], make: Callable[[], Made]
     ) -> Made:
         """The basis of a model with that kind and key, made where it is not kept."""
-        if kind != "rough":
-            return make()
-        key = (model, *key)
-        if key not in self._rough:
-            self._rough[key] = make()
-        return self._rough[key]
+        return self._kept(kind, (model, *key), make)
+
+    def _kept(self, kind: str, key: Hashable, make: Callable[[], Made]) -> Made:
+        """What is kept under a key, made where there is nothing."""
+        found = self._shelves[kind].get(key)
+        if found is None:
+            found = self._shelves[kind][key] = make()
+        return found
 
 
 class SharedBases(Bases):
@@ -202,7 +210,7 @@ class SharedBases(Bases):
         return float(_ACCURACY_RUNG ** np.floor(np.log(accuracy) / np.log(_ACCURACY_RUNG) + 1e-9))
 
     def _model(self, problem: Problem, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
-        body = _body(problem)
+        body = body_of(problem)
         key = (body, problem.shear_speed, frequency_Hz, accuracy)
         model = self._kept("model", key, lambda: self._of_one_mesh(body, problem.model(frequency_Hz, accuracy)))
         self._keys.setdefault(model, key)
@@ -251,13 +259,13 @@ def _rounded(problem: Problem, free: FreeConstants, near: float) -> PiezoConstan
     return None
 
 
-def _body(problem: Problem) -> tuple[Hashable, ...]:
-    """What tells one body from another: its shape, for a mesh file also that file's state, and its density."""
+def body_of(problem: Problem) -> tuple[Hashable, ...]:
+    """What tells one body from another: shape (of a mesh file also its state), density, order of elements."""
     state: tuple[Hashable, ...] = ()
     if isinstance(problem.plate, MeshFile):
         status = problem.plate.file.stat()
         state = (status.st_mtime_ns, status.st_size, status.st_ino)
-    return (type(problem.plate), problem.plate, *state, problem.density)
+    return (type(problem.plate), problem.plate, *state, problem.density, problem.order)
 
 
 def _bits(values: np.ndarray) -> bytes:

@@ -23,7 +23,7 @@ from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Update
-from femu_piezo.study.model_cache import CLOSE, Bases
+from femu_piezo.study.model_cache import CLOSE, Bases, body_of
 from femu_piezo.study.progress import Clock
 from femu_piezo.study.subjects import LEAST_ERROR, Subject
 from femu_piezo.study.unknowns import as_filed, effects_served, tolerances_of, unknowns_of
@@ -64,7 +64,7 @@ class Posterior:
 
     Attributes
     ----------
-    models : the reduced model of each sweep; sweeps of one specimen share a model
+    models : the reduced model of each sweep; sweeps of equal bodies share a model
     tolerances : effects that every fit has
     bases : where models and bases come from
     """
@@ -81,7 +81,7 @@ class Posterior:
 
     @made_once
     def full(self) -> tuple[ElectroelasticModel, ...]:
-        """The full model of each sweep; sweeps of one specimen share a model."""
+        """The full model of each sweep; sweeps of equal bodies share a model."""
         self._clock.step("mesh and assemble")
         return self._of_pieces(self._meshed)
 
@@ -147,18 +147,17 @@ class Posterior:
         return bool(np.all(np.abs(found - around) <= CLOSE * np.abs(around)))
 
     def _of_pieces(self, make: Callable[[int, Sequence[Subject]], Made]) -> tuple[Made, ...]:
-        """For every sweep, what is made once for all sweeps of its specimen.
+        """For every sweep, what is made once for all sweeps of equal bodies.
 
-        make : number of the sweep of a specimen that reaches highest, and all its sweeps → what is made
+        make : number of the sweep of a body that reaches highest, and all its sweeps → what is made
         """
-        pieces: dict[str, list[int]] = {}
-        for number, one in enumerate(self.several):
-            pieces.setdefault(one.name, []).append(number)
+        bodies = [body_of(one.problem) for one in self.several]
         made = {}
-        for name, numbers in pieces.items():
+        for body in dict.fromkeys(bodies):
+            numbers = [number for number, own in enumerate(bodies) if own == body]
             highest = max(numbers, key=lambda number: self.several[number].measured.band_Hz)
-            made[name] = make(highest, [self.several[number] for number in numbers])
-        return tuple(made[one.name] for one in self.several)
+            made[body] = make(highest, [self.several[number] for number in numbers])
+        return tuple(made[body] for body in bodies)
 
     def _meshed(self, number: int, several: Sequence[Subject]) -> ElectroelasticModel:
         return self.bases.model(self.several[number].measured, mesh_accuracy(several))

@@ -61,10 +61,14 @@ class Problem:
         """The paper's simplification of the constants where the specimen asks for it, else themselves."""
         return simplify(constants, self.plate.poling).full() if self.specimen.material.simplified else constants
 
+    @property
+    def order(self) -> int | None:
+        """Order of the elements that the file asks for; None where the accuracy decides."""
+        return (self.specimen.simulation or Simulation()).order
+
     def model(self, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
         """Model of the body whose eigenvalues are within `accuracy` of converged up to a frequency."""
-        order = (self.specimen.simulation or Simulation()).order
-        domain = self.plate.domain_for(accuracy, frequency_Hz, self.shear_speed, order=order)
+        domain = self.plate.domain_for(accuracy, frequency_Hz, self.shear_speed, order=self.order)
         return ElectroelasticModel(domain, self.density)
 
     def equivalent_frequency(self, highest_Hz: float, accuracy: float) -> float:

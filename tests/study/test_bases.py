@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.specimen.file import read_specimen
-from femu_piezo.study.measured import measure
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.specimen.file import Simulation, read_specimen
+from femu_piezo.study.measured import measure, measure_each
 from femu_piezo.study.model_cache import Bases, SharedBases
 from femu_piezo.study.planning import _coarse, _ToSweep
+from femu_piezo.study.posterior import Posterior
+from femu_piezo.study.progress import Clock
 from femu_piezo.study.subjects import subjects
+from tests.noise import noisy
 
 TRIO = ("s11", "d31", "eps33T")
 
@@ -53,6 +59,32 @@ def test_accuracies_with_the_same_mesh_share_a_model(subject):
     equal = [[first == other for other in meshes] for first in meshes]
     assert 1 < len(set(map(id, models))) < 6  # models for ten accuracies
     assert equal == [[first is other for other in models] for first in models]
+
+
+@pytest.mark.parametrize("kind", [Bases, SharedBases])
+def test_bodies_with_another_order_of_elements_have_their_own_model(subject, kind):
+    bases, problem = kind(), subject.measured.problem
+    models = []
+    for order in (None, 3, 4, None):
+        specimen = problem.specimen.model_copy(update={"simulation": Simulation(order=order)})
+        models.append(bases.model(replace(subject.measured, problem=replace(problem, specimen=specimen)), 1e-3))
+    assert [model.order for model in models[1:3]] == [3, 4] and models[3] is models[0]
+
+
+def test_pieces_of_equal_shape_share_model_and_basis(sweeps, write_specimen_of):
+    """In a joint fit of two pieces and a third, which is 1 % longer, though their noise differs."""
+    file = read_specimen(write_specimen_of("k31", sweeps["k31"], TRIO))
+    longer = file.geometry.model_copy(update={"length": 1.01 * file.geometry.length})
+    pieces = [file.model_copy(update={"name": name}) for name in ("one", "two")]
+    pieces.append(file.model_copy(update={"name": "longer", "geometry": longer}))
+    spectra = [
+        ImpedanceSpectrum(sweeps["k31"].frequency, noisy(sweeps["k31"].impedance, level, 1))
+        for level in (1e-3, 3e-4, 1e-3)
+    ]
+    posterior = Posterior(subjects(measure_each(pieces, spectra)), Clock(lambda step: None), Bases())
+    posterior.base(posterior.problem.constants)
+    for one, two, other in (posterior.full, posterior.models):
+        assert one is two and other is not one
 
 
 def test_a_start_near_an_earlier_one_uses_its_rough_basis(subject):

@@ -182,13 +182,13 @@ def test_a_law_over_frequency_is_no_drift(bench):
     assert str(diagnose(bench.write(), effects=FEW).verdict) == "none"
 
 
-def test_two_sweeps_of_one_specimen_share_its_unknowns(bench):
+def test_two_sweeps_of_one_specimen_share_its_unknowns(bench, bases):
     """A second sweep reduces the noise part of the budget and leaves that of the geometry."""
     bench.put("one", sweep(seed=1))
-    alone = update(bench.write("[measurement]", 'file = "one.csv"'))
+    alone = update(bench.write("[measurement]", 'file = "one.csv"'), bases=bases)
     for number in (1, 2):
         bench.add(f"sweep {number}", sweep(seed=number))
-    joint = update(bench.write())
+    joint = update(bench.write(), bases=bases)
     for name in OFF:
         first, second = alone.parameters[name], joint.parameters[name]
         assert second.budget["noise"] < first.budget["noise"], name
@@ -201,11 +201,11 @@ def test_two_sweeps_of_one_specimen_share_its_unknowns(bench):
     assert len({id(one.measured.piece) for one in joint.outcomes}) == 1
 
 
-def test_fundamental_in_one_sweep_and_overtone_in_another(bench):
+def test_fundamental_in_one_sweep_and_overtone_in_another(bench, bases):
     """The second window alone holds no fundamental; both together give the true constants."""
     bench.add("fundamental", sweep(frequency=np.linspace(105e3, 130e3, 201), seed=1))
     bench.add("higher", sweep(frequency=np.linspace(180e3, 240e3, 201), seed=2))
-    result = update(bench.write())
+    result = update(bench.write(), bases=bases)
     assert result.outcomes[0].measured.holds_fundamental and not result.outcomes[1].measured.holds_fundamental
     for name in OFF:
         one = result.parameters[name]
@@ -235,12 +235,12 @@ def test_the_instrument_errs_by_its_accuracy_in_every_sweep(bench):
 COEFFICIENTS = {"s11": (4e-4, 2e-5), "d31": (1.5e-3, 3e-5), "eps33T": (3e-3, 4e-5)}
 
 
-def test_temperature_series(bench):
+def test_temperature_series(bench, bases):
     """Coefficients within 3 of their deviations, and lines over temperature that pass through the true constants."""
     for number, celsius in enumerate((20.0, 45.0, 80.0)):
         spectrum = sweep(theta=warmed(celsius - 145 / 3), seed=number)
         bench.add(f"at {celsius:g}", spectrum, temperature=f"{celsius + 273.15} K")
-    result = update(bench.write())
+    result = update(bench.write(), bases=bases)
     series = result.temperature
     assert series.reference_C == pytest.approx(145 / 3) and series.measured_C == pytest.approx((20.0, 45.0, 80.0))
     lines = series.over(np.array([20.0, 80.0]))
@@ -273,7 +273,7 @@ def warmed(kelvin: float) -> np.ndarray:
     return theta
 
 
-def test_temperatures_of_two_specimens_are_from_one_mean(bench):
+def test_temperatures_of_two_specimens_are_from_one_mean(bench, bases):
     """Constants and coefficients within 3 of their deviations, whichever specimen comes first.
 
     A further specimen without a stated temperature is taken at the mean, where it was.
@@ -288,7 +288,7 @@ def test_temperatures_of_two_specimens_are_from_one_mean(bench):
             seed += 1
         files.append(read_specimen(bench.write(name=name)))
     for order in ((0, 1, 2), (2, 1, 0)):
-        result = update([files[number] for number in order])
+        result = update([files[number] for number in order], bases=bases)
         series = result.temperature
         assert series.reference_C == pytest.approx(37.5) and sorted(series.measured_C) == [20.0, 30.0, 40.0, 60.0]
         for name, (real, _) in COEFFICIENTS.items():
@@ -317,7 +317,7 @@ def test_extended_files_of_specimens_at_several_temperatures_give_their_curves(b
         assert np.max(np.abs(simulate(file).spectrum.impedance / one.curves[1] - 1)) < 3e-4, shown
 
 
-def test_a_reading_is_at_the_mean_temperature_whichever_sweep_is_first(bench):
+def test_a_reading_is_at_the_mean_temperature_whichever_sweep_is_first(bench, bases):
     """The capacitance at 50 °C beside sweeps at 20 and 80 °C, between which it grows by a fifth."""
     square = truth()[NAMES.index("eps33T")].real * SIZE[0] * SIZE[1] / SIZE[2]
     table = ("[readings]", f"capacitance = {square}", "std_capacitance = 0.001")
@@ -326,7 +326,7 @@ def test_a_reading_is_at_the_mean_temperature_whichever_sweep_is_first(bench):
         for celsius in order:
             spectrum = sweep(theta=warmed(celsius - 50), seed=int(celsius))
             bench.add(f"at {celsius:g}", spectrum, temperature=f"{celsius} °C")
-        result = update(bench.write(*table))
+        result = update(bench.write(*table), bases=bases)
         assert abs(read_beside(result.fit)["capacitance"]["sigma"]) < 3
         for name in OFF:
             one, exact = result.parameters[name], truth()[NAMES.index(name)].real
@@ -445,10 +445,10 @@ def test_a_stray_capacitance_is_that_of_its_fixture(bench):
     simulate(extended)  # a simulation has no fixture, and is possible all the same
 
 
-def test_a_window_about_the_fundamental_of_a_wide_plate(bench):
+def test_a_window_about_the_fundamental_of_a_wide_plate(bench, bases):
     """The start is no body three times as soft with another mode at the frequency of the fundamental."""
     bench.put("window", sweep(frequency=np.linspace(100e3, 140e3, 401), noise=5e-4, seed=5))
-    result = update(bench.write("[measurement]", 'file = "window.csv"'))
+    result = update(bench.write("[measurement]", 'file = "window.csv"'), bases=bases)
     for name in OFF:
         one = result.parameters[name]
         assert abs(one.value - truth()[NAMES.index(name)].real) < 3 * one.std, name
