@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from collections import OrderedDict
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -16,6 +17,7 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.constants import EPS0
 from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import SimplifiedK31
+from femu_piezo.study.model_cache import Bases
 from tests.missing_libraries import skip_without_libraries
 
 
@@ -31,6 +33,37 @@ def memory_given_back():
     yield
     if sys.platform == "linux":
         ctypes.CDLL(None).malloc_trim(0)
+
+
+#: Models and bases of one kind that are kept from test to test.
+_KEPT = 12
+
+
+@pytest.fixture(scope="session", autouse=True)
+def bases_kept():
+    """Models and bases for exactly equal inputs, of which many tests need the same few, are made once in a process."""
+    shelves, within_one = {kind: OrderedDict() for kind in ("model", "rough", "extended")}, Bases._kept
+
+    def kept(bases: Bases, kind: str, key, make):
+        def found():
+            shelf = shelves[kind]
+            one = shelf.pop(key, None)
+            shelf[key] = make() if one is None else one
+            while len(shelf) > _KEPT:
+                shelf.popitem(last=False)
+            return shelf[key]
+
+        return within_one(bases, kind, key, found)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Bases, "_kept", kept)
+        yield within_one
+
+
+@pytest.fixture
+def bases_not_kept(bases_kept, monkeypatch):
+    """For a test of what a command itself keeps."""
+    monkeypatch.setattr(Bases, "_kept", bases_kept)
 
 
 @pytest.fixture(scope="session")

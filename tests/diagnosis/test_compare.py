@@ -149,11 +149,12 @@ def test_candidates_are_listed_with_their_best_fits(setup):
     assert trial.fit is result.final
 
 
-def test_what_no_candidate_describes_is_unknown(setup):
+@pytest.mark.parametrize("placed", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_what_no_candidate_describes_is_unknown(setup, placed):
     """A bump of log |Z| near 160 kHz: the residual has structure there, and no cause is named with confidence."""
     data = data_with(setup, {}, 3)
     bump = 0.02 / (1 + ((FREQUENCY - 160e3) / 4e3) ** 2)
-    _, verdict = run(setup, replace(data, impedance=data.impedance * np.exp(bump)))
+    _, verdict = run(setup, replace(data, impedance=data.impedance * np.exp(bump)), placed=placed)
     assert verdict.word == "unknown"
     assert all(cause.probability < 0.9 for cause in verdict.causes)
     assert any(low < 170e3 and high > 150e3 for low, high in verdict.after.worst_Hz)

@@ -159,7 +159,7 @@ def test_a_mode_keeps_its_zero_beside_a_weak_one(modes, told, zero_Hz):
     assert pairs[1.0] == pytest.approx(zero_Hz, rel=1e-3)
 
 
-@pytest.mark.parametrize(("points", "softening"), [(401, 0.005), (801, 0.007)])
+@pytest.mark.parametrize(("points", "softening"), [(401, 0.005), pytest.param(801, 0.007, marks=pytest.mark.slow)])
 def test_a_mode_that_the_drive_softens_keeps_its_zero(points, softening):
     """Without noise its curve takes several poles, some of which gain energy: these are no modes and have no zeros."""
     frequency, pole, zero, loss = np.linspace(30e3, 400e3, points), 167.3e3, 237.5e3, 0.015

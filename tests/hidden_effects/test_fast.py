@@ -26,7 +26,8 @@ def bases():
     return SharedBases()
 
 
-@pytest.mark.parametrize("effect", ["none", pytest.param("wrong_width", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", ["none", "wrong_width"])
 def test_hidden_effect_is_named(effect, tmp_path, bases):
     outcome = judge_draw(draw(effect, 7, variant=False), tmp_path, bases)
     assert outcome.word == ("none" if effect == "none" else "effect")

@@ -121,6 +121,7 @@ def test_joint_k31_and_k33_determine_more_constants(sweeps, write_specimen_of, t
         assert sum(shares.values()) == pytest.approx(1)
 
 
+@pytest.mark.usefixtures("bases_not_kept")
 def test_models_end_with_the_result(sweeps, write_specimen_of, monkeypatch):
     """A hundred megabytes for each update: kept by a reference to themselves they stay until memory is collected."""
     made, source = [], Posterior.evaluation.fget

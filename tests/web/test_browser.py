@@ -117,6 +117,7 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
     assert names == {path.name for path in (tmp_path / "terminal").iterdir()} | {"report.html"}
 
 
+@pytest.mark.slow
 def test_a_browser_without_connection_keeps_its_page(serve, page, tmp_path: Path) -> None:
     """Five seconds without a connection, in which a button is pressed: it takes effect on return, without a reload."""
     tutorial("k31_plate", tmp_path)
@@ -295,6 +296,7 @@ def test_a_lot_is_computed_charted_and_leads_to_its_pieces(serve, page, tmp_path
     page.wait_for_url("**spec=second.toml*")
 
 
+@pytest.mark.slow
 def test_labels_of_a_logarithmic_axis_do_not_overlap(serve, page, tmp_path: Path) -> None:
     """|Z| over two decades, where labels of all digits have no room."""
     write_spectrum(sweep(1), tmp_path / "sweep.csv")
@@ -308,6 +310,7 @@ def test_labels_of_a_logarithmic_axis_do_not_overlap(serve, page, tmp_path: Path
     assert not overlap
 
 
+@pytest.mark.slow
 def test_an_unknown_name_in_the_address_is_told(serve, page, tmp_path: Path) -> None:
     """No other sweep or lot is shown in its place; without a name, the first one is."""
     (tmp_path / "tray").mkdir()
