@@ -155,7 +155,7 @@ def test_a_slice_yields_as_the_law_says_within_few_long_elements(on_fewest_eleme
     assert error < setup.library["local_crack"].parameters[0].law_error * size, f"{error / size:.4f}"
 
 
-@pytest.fixture(scope="module", params=[(4, (8, 2, 1)), (3, (8, 3, 1))])
+@pytest.fixture(scope="module", params=[pytest.param((4, (8, 2, 1)), marks=pytest.mark.slow), (3, (8, 3, 1))])
 def on_elements(request) -> Setup:
     """The plate on few elements, of order 4 or 3."""
     order, divisions = request.param

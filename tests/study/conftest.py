@@ -49,8 +49,14 @@ def sweep_of():
 
 @pytest.fixture(scope="session")
 def sweeps(truth) -> dict[str, ImpedanceSpectrum]:
-    """Noise-free sweeps of the bodies."""
-    return {name: solved(name, truth) for name in BODIES}
+    """Noise-free sweeps of the bodies, each solved when it is first asked for."""
+
+    class Sweeps(dict):
+        def __missing__(self, name: str) -> ImpedanceSpectrum:
+            self[name] = solved(name, truth)
+            return self[name]
+
+    return Sweeps()
 
 
 @pytest.fixture(scope="module")

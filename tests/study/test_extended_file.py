@@ -89,11 +89,12 @@ def test_simulate_gives_the_fitted_curve_within_the_error_of_its_mesh(diagnosed)
     assert np.max(np.abs(found.impedance / fitted - 1)) < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("table", "cause", "spacing"),
     [
         ("temperature_drift]\ndrift = 0.01", temperature_drift, "log"),
-        pytest.param("drive_level]\nsoftening = 0.01", drive_level, "linear", marks=pytest.mark.slow),
+        ("drive_level]\nsoftening = 0.01", drive_level, "linear"),
     ],
 )
 def test_how_a_sweep_was_taken_is_simulated_as_it_was_fitted(tmp_path, table, cause, spacing):

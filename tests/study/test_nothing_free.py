@@ -33,6 +33,6 @@ def test_commands_that_find_constants_refuse_it_in_one_sentence(spec, tmp_path, 
     assert answer.output.strip().count("\n") == 0
 
 
-@pytest.mark.parametrize("command", ["simulate", "modes", "circuit"])
-def test_commands_that_find_none_go_on(spec, tmp_path, command):
-    succeeded(command, spec, "--out", tmp_path / "out")
+@pytest.mark.parametrize("words", [("simulate",), ("modes", "--count", "1"), ("circuit",)])
+def test_commands_that_find_none_go_on(spec, tmp_path, words):
+    succeeded(words[0], spec, *words[1:], "--out", tmp_path / "out")
