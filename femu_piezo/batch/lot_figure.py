@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from femu_piezo.batch.lot import FEWEST, Distribution, Lot, counts_words
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.picture import as_it_stands
+from femu_piezo.output.picture import Picture, as_it_stands
 
 _POINTS = {"color": "#1f6fb4", "marker": ".", "linestyle": "none", "markersize": 4}
 _LIMIT = {"color": "#8c8c8c", "linewidth": 1.0, "linestyle": "--"}
@@ -22,7 +22,7 @@ _SHOWN = 12.0
 def lot_figure(lot: Lot) -> Figure:
     """One row per quantity: values with control limits, drift and outliers by file name and cause; histogram."""
     rows = max(1, len(lot.distributions))
-    figure = Figure(figsize=(11.0, 0.8 + 1.9 * rows), layout="constrained")
+    figure = Picture(figsize=(11.0, 0.8 + 1.9 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False, sharex="col", gridspec_kw={"width_ratios": [4, 1]})
     for one, (chart, histogram) in zip(lot.distributions, axes, strict=False):
         factor, unit = PRINTED.get(one.quantity, (1.0, ""))

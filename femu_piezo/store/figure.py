@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.picture import as_it_stands
+from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.store.control import MONTH_S, RUN, Control, Drift
 
 _POINT, _LINE, _LIMIT, _BEYOND = "#1f6fb4", "#222222", "#8c8c8c", "#c0392b"
@@ -25,7 +25,7 @@ _LABELLED = 14
 def lots_figure(controls: Sequence[Control]) -> Figure:
     """One row for each quantity: single pieces on the left, lots on the right."""
     rows = max(1, len(controls))
-    figure = Figure(figsize=(12.0, 1.0 + 2.3 * rows), layout="constrained")
+    figure = Picture(figsize=(12.0, 1.0 + 2.3 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False, sharex="col")
     for control, (left, right) in zip(controls, axes, strict=False):
         factor, unit = PRINTED.get(control.quantity, (1.0, ""))
