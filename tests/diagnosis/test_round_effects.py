@@ -283,7 +283,7 @@ def test_bare_rims_against_a_full_solution(bodies, name):
     end.
     """
     round_body, margin = bodies[name], 0.3e-3
-    frequency = round_body.frequency[::24]
+    frequency = round_body.frequency[::12]
     make = (
         (lambda **o: catalogue.disk(12e-3, THICKNESS, **o))
         if name == "disk"
