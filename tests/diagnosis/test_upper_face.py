@@ -130,7 +130,7 @@ CASES = {
     "point_mass": ((2.5e-6, *PLACE, RADIUS), mass, 0.02),
     "mounting/one patch": ((3e5, 2.0, *PLACE, RADIUS), support, 0.03),
     "unequal_electrode_mass": ((0.6,), unequal_films, 0.03),
-    "local_crack": ((soft_volume(SIZE[2], SOFT, SPOT_RADIUS), SPOT_X, 0.0), soft_spot, 0.11),
+    "local_crack": ((soft_volume(SIZE[2], SOFT, SPOT_RADIUS), SPOT_X, 0.0, RADIUS), soft_spot, 0.11),
 }
 #: Cases that take longest, marked slow.
 LONG = ("point_mass", "mounting/one patch", "unequal_electrode_mass")
@@ -187,14 +187,14 @@ def test_slopes_are_those_of_differences(body_and_solver, key, place):
 def test_slopes_of_the_terms_of_a_soft_spot(body_and_solver, place):
     """Slopes of the matrices themselves, since across a mirror line Z hardly changes with the place."""
     body, _ = body_and_solver
-    effect, omega, values = body.library["local_crack"], np.ones(1), np.array([3e-9, *place])
+    effect, omega, values = body.library["local_crack"], np.ones(1), np.array([3e-9, *place, 0.5e-3])
     places = body.model.restricted(effect.sectors).places
 
     def total(p, slope=None):
         terms = effect.local(places, omega, p)
         return sum(term.matrix * (term.value[0] if slope is None else term.slopes[0, slope]) for term in terms)
 
-    for number, step in enumerate(np.diag([1e-13, 1e-8, 1e-8])):
+    for number, step in enumerate(np.diag([1e-13, 1e-8, 1e-8, 1e-8])):
         difference = (total(values + step) - total(values - step)) / (2 * step[number])
         slope = total(values, number)
         assert np.max(np.abs(slope - difference)) < 1e-7 * np.max(np.abs(difference))

@@ -13,14 +13,13 @@ with S = h/(h + q a) and P = 1 − q w k/h,
 
 A spot goes through the whole thickness and yields in the plane of the faces. Its size is a volume V of sound material:
 under a static load that strains the sound body by S there, the spot adds ½ V Sᵗc̄S to the energy, c̄ the part of c^E at
-T_xz = T_yz = T_zz = 0. With B the mean strains of the unknowns over the spot, at heights that stand for shares w of the
-thickness, and G = B K^-1 Bᵗ the flexibility of the sound body to stresses there,
+T_xz = T_yz = T_zz = 0. With B the mean strains of the unknowns over the parts of the spot, at heights that stand for
+shares w of thickness and area, and G = B K^-1 Bᵗ the flexibility of the sound body to stresses there,
 
     A → A − V Bᵗ (1/w c̄^-1 + V G)^-1 B.
 
 A round hole through the thickness, of area A and in the middle of a thin sheet, has about 3 A t; a spot whose c^E is
-(1 − k) times that of the rest about A t k/(1 − 0.66 k). Modes vary slowly over a spot, so its extent is no parameter;
-therefore a spot may seem to lie nearer the middle than it does.
+(1 − k) times that of the rest about A t k/(1 − 0.66 k). Strains vary over a spot, so its radius is a parameter.
 """
 
 from __future__ import annotations
@@ -30,11 +29,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
-from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalHook, LocalTerm
+from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalTerm
 from femu_piezo.effects.local.operators import ELASTIC, Places
 from femu_piezo.effects.local.patch import PATCH
-from femu_piezo.effects.local.placement import Placement, in_plane
-from femu_piezo.effects.local.spot import spot_strains
+from femu_piezo.effects.local.placement import Placement, in_plane, patch_radius
+from femu_piezo.effects.local.spot import PARTS, spot_strains
 
 #: Where to look first, as shares of half the length.
 _SITES = np.linspace(0.02, 0.95, 24)
@@ -83,36 +82,32 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     return found
 
 
-def _spot(radius: float) -> LocalHook:
-    """radius : of the disk over which strains are averaged, m"""
+def _spot(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
+    """p : volume, place x, y or r, radius"""
+    volume, *place, radius = p
+    strains, moved, shares = spot_strains(places.levels, *in_plane(place), radius)
+    root, u = places.elastic_flexibility, places.sectors.displacements
+    strains, moved = strains.reshape(-1, u), moved.reshape(len(moved), -1, u)
+    shares = np.repeat(shares, PARTS) / PARTS
+    compliance = np.kron(np.diag(1 / shares), np.linalg.inv(places.in_plane_stiffness))
+    static = strains @ root
+    flexibility = static @ static.T
+    softened = np.linalg.inv(compliance + volume * flexibility)
 
-    def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-        volume, *place = p
-        strains, moved, shares = spot_strains(places.levels, *in_plane(place), radius)
-        root, u = places.elastic_flexibility, places.sectors.displacements
-        strains, moved = strains.reshape(-1, u), moved.reshape(2, -1, u)
-        compliance = np.kron(np.diag(1 / shares), np.linalg.inv(places.in_plane_stiffness))
-        static = strains @ root
-        flexibility = static @ static.T
-        softened = np.linalg.inv(compliance + volume * flexibility)
+    def term(matrix: np.ndarray, value: float, number: int, slope: float) -> LocalTerm:
+        full = np.zeros((places.size, places.size))
+        full[:u, :u] = matrix / (places.copies * places.sectors.all_fields.constants.c11.real)
+        return LocalTerm.constant_over(omega, "stiffness", full, value, slope * np.eye(p.size)[number], _C11)
 
-        def term(matrix: np.ndarray, value: float, **slopes: float) -> LocalTerm:
-            full = np.zeros((places.size, places.size))
-            full[:u, :u] = matrix / (places.copies * places.sectors.all_fields.constants.c11.real)
-            row = [slopes.get(name, 0.0) for name in ("volume", "x", "y")[: p.size]]
-            return LocalTerm.constant_over(omega, "stiffness", full, value, row, _C11)
-
-        yielding = softened @ strains
-        found = [
-            term(strains.T @ yielding, -volume, volume=-1.0),
-            term(yielding.T @ flexibility @ yielding, 0.0, volume=volume),
-        ]
-        for name, along in zip(("x", "y")[: len(place)], moved, strict=False):
-            change = along.T @ yielding - volume * yielding.T @ (along @ root) @ static.T @ yielding
-            found.append(term(change + change.T, 0.0, **{name: -volume}))
-        return found
-
-    return terms
+    yielding = softened @ strains
+    found = [
+        term(strains.T @ yielding, -volume, 0, -1.0),
+        term(yielding.T @ flexibility @ yielding, 0.0, 0, volume),
+    ]
+    for number, along in enumerate([*moved[: len(place)], moved[-1]], start=1):
+        change = along.T @ yielding - volume * yielding.T @ (along @ root) @ static.T @ yielding
+        found.append(term(change + change.T, 0.0, number, -volume))
+    return found
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
@@ -146,15 +141,16 @@ def _of_a_spot(context: EffectContext, common: Effect) -> Effect:
                 0.2 * volume,
                 0.001 * volume,
                 0.03 * volume,
-                law_error=0.1,
+                law_error=0.15,
                 law_detuning=_DETUNING / volume**2,
             ),
             *(replace(parameter, law_error=_EXTENT) for parameter in place.parameters),
+            patch_radius("radius", place.size),
         ),
-        local=_spot(PATCH * place.size),
+        local=_spot,
         start_sizes=() if context.radii is None else (0.25, 1.0),
         sectors=place.sectors,
-        sites=place.sites_with(0.002 * volume),
+        sites=place.sites_with(0.002 * volume, PATCH * place.size),
     )
 
 
