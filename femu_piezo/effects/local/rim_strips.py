@@ -11,7 +11,7 @@ together. Then
 over the rims, ⟨ ⟩ the mean over θ. T_00 and T_11 are those of strips of uniform width, from whose ψ the base fields of
 their order and momentum are subtracted; between the orders the mean of both ψᵗKψ is taken. Against a full solution the
 sum is exact to 0.2 % (disk) and 2 % (ring) at a = 0; the change by a, proportional to a², has the right shape but is
-off by 40 % and 13 %, so that a is found 15 % and 6 % too small: the fields of order 1 do not represent all of the
+off by 40 % and 5 %, so that a is found 15 % and 2 % too small: the fields of order 1 do not represent all of the
 response to a wider strip on one side. More of them near the rim do not help: S assumes fields that are slow across it.
 """
 
