@@ -154,7 +154,7 @@ class Bases:
         return accuracy
 
     def _model(self, problem: Problem, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
-        key = (body_of(problem), problem.shear_speed, frequency_Hz, accuracy)
+        key = _key_of_model(problem, frequency_Hz, accuracy)
         return self._kept("model", key, lambda: problem.model(frequency_Hz, accuracy))
 
     def _basis(
@@ -187,7 +187,7 @@ class SharedBases(Bases):
     def __init__(self, models: int = 6, bases: int = 16, extended: int = 8) -> None:
         super().__init__()
         self._most = {"model": models, "rough": bases, "extended": extended}
-        self._shelves: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in self._most}
+        self._shelves = {kind: OrderedDict() for kind in self._most}
         self._keys: WeakKeyDictionary[ElectroelasticModel, Hashable] = WeakKeyDictionary()
         self._guard = Lock()
         self.made = self.used = 0
@@ -210,9 +210,8 @@ class SharedBases(Bases):
         return float(_ACCURACY_RUNG ** np.floor(np.log(accuracy) / np.log(_ACCURACY_RUNG) + 1e-9))
 
     def _model(self, problem: Problem, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
-        body = body_of(problem)
-        key = (body, problem.shear_speed, frequency_Hz, accuracy)
-        model = self._kept("model", key, lambda: self._of_one_mesh(body, problem.model(frequency_Hz, accuracy)))
+        key = _key_of_model(problem, frequency_Hz, accuracy)
+        model = self._kept("model", key, lambda: self._of_one_mesh(key[0], problem.model(frequency_Hz, accuracy)))
         self._keys.setdefault(model, key)
         return model
 
@@ -266,6 +265,11 @@ def body_of(problem: Problem) -> tuple[Hashable, ...]:
         status = problem.plate.file.stat()
         state = (status.st_mtime_ns, status.st_size, status.st_ino)
     return (type(problem.plate), problem.plate, *state, problem.density, problem.order)
+
+
+def _key_of_model(problem: Problem, frequency_Hz: float, accuracy: float) -> tuple[Hashable, ...]:
+    """The body, and what else its mesh depends on."""
+    return (body_of(problem), problem.shear_speed, frequency_Hz, accuracy)
 
 
 def _bits(values: np.ndarray) -> bytes:

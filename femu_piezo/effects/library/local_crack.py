@@ -20,6 +20,7 @@ shares w of thickness and area, and G = B K^-1 Bᵗ the flexibility of the sound
 
 A round hole through the thickness, of area A and in the middle of a thin sheet, has about 3 A t; a spot whose c^E is
 (1 − k) times that of the rest about A t k/(1 − 0.66 k). Strains vary over a spot, so its radius is a parameter.
+In a body hardly wider than the spot the volume is found 10 to 20 % too small.
 """
 
 from __future__ import annotations

@@ -13,6 +13,13 @@ PATCH, SMALLEST, LARGEST = 1 / 25, 1 / 5, 6.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
+def spread_points(face: Face, x: float, y: float, radius: float, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """N (m, 3, u) at points (x, y) + radius · shares (m, 2), and its slopes in x, y, radius (m, 3, 3, u)."""
+    values, along = face.at_all((x, y) + radius * shares)
+    grown = np.einsum("gd,gdcu->gcu", shares, along)
+    return values, np.concatenate([along, grown[:, None]], axis=1)
+
+
 class Patch:
     """Means over a patch, a square of the area of a disk of the radius, by Gauss points; slopes in x, y and the radius.
 
@@ -24,9 +31,7 @@ class Patch:
     def __init__(self, face: Face, x: float, y: float, radius: float) -> None:
         shares = np.stack(np.meshgrid(*2 * [_NODES], indexing="ij"), axis=-1).reshape(-1, 2) * np.sqrt(np.pi) / 2
         self._weights = np.multiply.outer(_WEIGHTS, _WEIGHTS).ravel() / 4
-        self._values, along = face.at_all((x, y) + shares * radius)  # (points, 3, u), (points, 2, 3, u)
-        grown = np.einsum("gd,gdcu->gcu", shares, along)
-        self._moved = np.concatenate([along, grown[:, None]], axis=1)  # by x, y, radius
+        self._values, self._moved = spread_points(face, x, y, radius, shares)
         self.mean = np.tensordot(self._weights, self._values, axes=1)
         self.mean_slopes = np.tensordot(self._weights, self._moved, axes=1)
 

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from femu_piezo.effects.local.faces import Face
+from femu_piezo.effects.local.patch import spread_points
 from femu_piezo.effects.local.plane_stress import unstressed
 
 #: Points along the edge of a part: means are exact for polynomials up to this degree less two.
@@ -47,11 +48,11 @@ def spot_strains(
     outward = (_CENTRES[:, None] + _PART * _NORMAL).reshape(-1, 2)  # of every point, by the radius
     shares, strains, slopes = [], [], []
     for share, face in levels:
-        value, along = (part[..., :2, :] for part in face.at_all((x, y) + radius * outward))
-        along = np.concatenate([along, np.einsum("qd,qdfu->qfu", outward, along)[:, None]], axis=1)
-        value, along = (part.reshape(PARTS, _POINTS, *part.shape[1:]) for part in (value, along))
-        strain = np.einsum("vpf,mpfu->mvu", weights, value)
-        slope = np.einsum("vpf,mpdfu->dmvu", weights, along)
+        value, along = (
+            found.reshape(PARTS, _POINTS, *found.shape[1:]) for found in spread_points(face, x, y, radius, outward)
+        )
+        strain = np.einsum("vpf,mpfu->mvu", weights, value[..., :2, :])
+        slope = np.einsum("vpf,mpdfu->dmvu", weights, along[..., :2, :])
         slope[2] -= strain / radius
         for part in [1.0] if face.bends is None else [~face.bends, face.bends]:
             if np.any(part):
