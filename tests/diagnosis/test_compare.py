@@ -296,7 +296,7 @@ def test_a_misfit_beyond_the_noise_makes_the_verdict_unknown(setup, share):
     ripples = share * np.sin(np.arange(FREQUENCY.size) * 0.9) * np.exp(1j * np.arange(FREQUENCY.size) * 0.2)
     data = data_with(setup, {"series_resistance": 8.0}, 1)
     data = replace(data, impedance=data.impedance * (1 + ripples))
-    result, verdict = run(setup, data, placed=False)
+    result, verdict = run(setup, data, placed=share > 0)
     assert not result.discrepant
     assert verdict.word == ("unknown" if share else "effect")
 

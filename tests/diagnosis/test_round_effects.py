@@ -201,12 +201,13 @@ def test_change_of_impedance_against_independent_solution(bodies, bare, name, ca
 
 
 @pytest.mark.slow
-def test_stiff_points_are_sought_again_with_the_constants_found(bodies):
-    """A fit without the support finds wrong constants, which mislead the first start.
+@pytest.mark.parametrize(("distance", "misled"), [(3.6e-3, True), (5e-3, False)])
+def test_stiff_points_are_sought_again_with_the_constants_found(bodies, distance, misled):
+    """A fit without the support finds wrong constants, which may mislead the first start.
 
     Starts at the other sites with the constants of the first fit lead to the right place.
     """
-    ring, stiffness, distance = bodies["ring"], 2e7, 3.6e-3
+    ring, stiffness = bodies["ring"], 2e7
     z = ring.exact(ring.body(), RoundSurface.tripod(distance, 0.8e-3, (1,), lambda w: stiffness * (1 + 2e-6j * w)))
     noise = 1 + 1e-3 * np.random.default_rng(1).standard_normal(z.size)
     data = SweepData(ring.frequency, z * noise, np.full(z.size, 1e-3), True)
@@ -215,7 +216,7 @@ def test_stiff_points_are_sought_again_with_the_constants_found(bodies):
     first = starts(ring.evaluation, base, effect)
     columns, parameters = first[0].columns_of(effect), first[0].linear.parameters
     found = fit(ring.evaluation, data, parameters, [first[0].x], gain=COARSE)
-    assert found.chi_square > 10 * found.residual.size
+    assert (found.chi_square > 10 * found.residual.size) == misled
     again = [start.x for start in relocated(ring.evaluation, found, effect)]
     better = fit(ring.evaluation, data, parameters, [found.x, *again], gain=RANKED)
     assert better.chi_square < 2 * better.residual.size

@@ -83,7 +83,10 @@ def test_an_interrupted_measurement_is_resumed(drawn, specimen, bases):
     assert np.all(np.isin(begun.frequency, found.spectrum.frequency))
 
 
-@pytest.mark.parametrize(("before", "points", "asked"), [(70, 100, 30), (98, 100, 2), (100, 64, 0)])
+@pytest.mark.parametrize(
+    ("before", "points", "asked"),
+    [(70, 100, 30), (98, 100, 2), (100, 64, 0), pytest.param(32, 64, 32, marks=pytest.mark.slow)],
+)
 def test_points_of_a_measurement_with_another_number_of_points_count(drawn, specimen, bases, before, points, asked):
     begun, bench = Bench(drawn)(np.linspace(*BAND, before)), Bench(drawn)
     found = adapt(specimen, bench, Wish(points=points, band_Hz=BAND), begun, bases=bases)
