@@ -39,7 +39,7 @@ def lots_figure(controls: Sequence[Control]) -> Figure:
         axes[0, 0].text(0.5, 0.5, "no piece has a result", ha="center", transform=axes[0, 0].transAxes)
     axes[-1, 0].set_xlabel("piece, in the order of measurement")
     axes[-1, 0].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    axes[-1, 1].set_xlabel("mean time of measurement (UTC)")
+    axes[-1, 1].set_xlabel("mean time of measurement (UTC)", loc="left")  # the date stands on the right
     locator = AutoDateLocator()
     axes[-1, 1].xaxis.set_major_locator(locator)
     axes[-1, 1].xaxis.set_major_formatter(ConciseDateFormatter(locator))
