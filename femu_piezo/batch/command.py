@@ -17,7 +17,7 @@ from femu_piezo.specimen.file import read_specimens
 from femu_piezo.threads import available_cores
 
 #: Modules of table and report, which load large libraries.
-_AT_THE_END = ("femu_piezo.batch.table", "pyarrow.parquet", "femu_piezo.batch.report")
+_AT_THE_END = ("pyarrow.parquet", "femu_piezo.batch.report")
 
 
 def run_batch(

@@ -33,7 +33,9 @@ def lot_figure(lot: Lot) -> Figure:
         chart.ticklabel_format(axis="y", useOffset=False)
         chart.set(ylim=(factor * low, factor * high), ylabel=f"{one.quantity}{f' ({unit})' if unit else ''}")
         bins = min(40, max(5, int(inside.sum()) // 5))
-        histogram.hist(factor * one.values[inside], bins=bins, orientation="horizontal", color="#9dbfdc")
+        histogram.hist(
+            factor * one.values[inside], bins, orientation="horizontal", color="#9dbfdc", histtype="stepfilled"
+        )
         histogram.set_ylim(chart.get_ylim())
         histogram.tick_params(labelleft=False)
     if not lot.distributions:

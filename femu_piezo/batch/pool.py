@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -20,6 +21,9 @@ from femu_piezo.errors import ConvergenceError, InputError
 
 #: Jobs handed to each worker beyond the one it works on, so that it never waits for the next.
 AHEAD = 1
+#: Module that workers need, which takes longest to load; and whether they can share one copy of it, loaded once by a
+#: process without threads from which they fork.
+_WORK, _FORKS = "femu_piezo.batch.steps", sys.platform == "linux"
 #: Workers that may die one after the other, while no job succeeds, before the lot is given up.
 _HOPELESS = 4
 
@@ -70,7 +74,11 @@ class LocalPool:
         self._executor = self._new()
 
     def _new(self) -> Executor:
-        context = multiprocessing.get_context("spawn")
+        if _FORKS:
+            context = multiprocessing.get_context("forkserver")
+            context.set_forkserver_preload([_WORK])
+        else:
+            context = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(self._workers, mp_context=context, initializer=start_local_worker)
 
     @property

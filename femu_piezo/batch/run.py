@@ -12,6 +12,7 @@ from typing import Literal
 from femu_piezo.batch.jobs import Job, program_checksum, same_sweeps
 from femu_piezo.batch.pool import Pool, run_all
 from femu_piezo.batch.records import Records, write_record
+from femu_piezo.batch.table import rows_of, write_table
 from femu_piezo.batch.worker import record, run_job
 from femu_piezo.output.folder import locked, prepare_folder
 
@@ -67,8 +68,6 @@ def run_lot(
         run = _Run(make_pool, finished, patience_s)
         try:
             updated = run.step("update", jobs, Records(out / "records"))
-            from femu_piezo.batch.table import rows_of, write_table  # loads what only workers need
-
             rows, diagnosed = rows_of(updated), None
             if diagnose is not None:
                 chosen = _to_diagnose(rows, diagnose)

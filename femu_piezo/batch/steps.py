@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from femu_piezo.effects.words import sizes
 from femu_piezo.errors import InputError
 from femu_piezo.output.records import update_record
-from femu_piezo.specimen.file import CONSTANTS, Specimen
+from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.results import UpdateResult
 from femu_piezo.study.update import update
@@ -23,38 +23,6 @@ if TYPE_CHECKING:
 Value = float | int | str | None
 #: Specimens of one job, and where bases come from → columns of the table, record in JSON types.
 Step = Callable[[list[Specimen], Bases], tuple[dict[str, Value], dict]]
-
-#: Columns that `update` fills, in the order of the table; a table has those of the constants that some job frees.
-_PARTS = ("", "_std", "_tan", "_tan_std", "_std_from")
-CONSTANT_COLUMNS = tuple(f"{name}{part}" for name in CONSTANTS for part in _PARTS)
-UPDATE_COLUMNS = (
-    *CONSTANT_COLUMNS,
-    "pole_Hz",
-    "pole_loss",
-    "zero_Hz",
-    "zero_loss",
-    "k_eff",
-    "rms_log_error",
-    "iterations",
-    "method",
-    "notes",
-)
-#: Columns that `diagnose` fills: "size" is the first parameter of the most probable cause (SI), errors are
-#: rms |Δ log Z| of data that no fit saw, "diagnosis" says all of it in words.
-DIAGNOSIS_COLUMNS = (
-    "verdict",
-    "cause",
-    "probability",
-    "size",
-    "size_std",
-    "size_unit",
-    "further_causes",
-    "alike",
-    "error_before",
-    "error_after",
-    "error_noise",
-    "diagnosis",
-)
 
 
 def _update(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value], dict]:

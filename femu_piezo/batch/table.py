@@ -8,8 +8,40 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
-from femu_piezo.batch.steps import CONSTANT_COLUMNS, DIAGNOSIS_COLUMNS, UPDATE_COLUMNS
 from femu_piezo.files import write_atomically
+from femu_piezo.specimen.file import CONSTANTS
+
+#: Columns that `update` fills, in the order of the table; a table has those of the constants that some job frees.
+_PARTS = ("", "_std", "_tan", "_tan_std", "_std_from")
+CONSTANT_COLUMNS = tuple(f"{name}{part}" for name in CONSTANTS for part in _PARTS)
+UPDATE_COLUMNS = (
+    *CONSTANT_COLUMNS,
+    "pole_Hz",
+    "pole_loss",
+    "zero_Hz",
+    "zero_loss",
+    "k_eff",
+    "rms_log_error",
+    "iterations",
+    "method",
+    "notes",
+)
+#: Columns that `diagnose` fills: "size" is the first parameter of the most probable cause (SI), errors are
+#: rms |Δ log Z| of data that no fit saw, "diagnosis" says all of it in words.
+DIAGNOSIS_COLUMNS = (
+    "verdict",
+    "cause",
+    "probability",
+    "size",
+    "size_std",
+    "size_unit",
+    "further_causes",
+    "alike",
+    "error_before",
+    "error_after",
+    "error_noise",
+    "diagnosis",
+)
 
 _FIRST = ("number", "file", "specimen", "status", "reason")
 _TEXT = {"file", "specimen", "status", "reason", "method", "notes"}

@@ -130,7 +130,9 @@ class Alternatives:
 
     def of_size_one(self) -> Alternatives:
         """These alternatives, of a single factor, scaled to rms 1 of Re and Im over their sweep."""
-        power = np.trace(self._weighted(np.abs(self.factors[0]) ** 2).real, axis1=1, axis2=2) / self.points.size
+        weight = np.abs(self.factors[0]) ** 2
+        squares = np.abs(self.rows) ** 2 if self.pairs is None else np.einsum("nssk->nsk", self.pairs)
+        power = np.sum(squares @ weight, axis=1) / self.points.size
         return replace(self, scale=1 / np.sqrt(power))
 
     @property

@@ -27,8 +27,8 @@ def interpolated(spectrum: ImpedanceSpectrum) -> DataFault | None:
         "log |Z| and phase": (np.log(np.abs(z)), np.angle(z)),
     }
     for name, parts in readings.items():
-        share = min(straight_share(spectrum.frequency, part) for part in parts)
-        if share > _SHARE:
+        if all(straight_share(spectrum.frequency, part) > _SHARE for part in parts):
+            share = min(straight_share(spectrum.frequency, part) for part in parts)
             message = (
                 f"{share:.0%} of the points lie on straight lines of {name} between others, as in a curve read off a "
                 "picture or resampled: they are interpolated, not measured, so the standard deviations are too small; "

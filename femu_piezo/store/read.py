@@ -8,8 +8,7 @@ from typing import Any
 
 from sqlalchemy import Connection, func, select
 
-from femu_piezo.batch.steps import DIAGNOSIS_COLUMNS
-from femu_piezo.batch.table import rows_of
+from femu_piezo.batch.table import DIAGNOSIS_COLUMNS, rows_of
 from femu_piezo.store import schema
 from femu_piezo.store.database import Database
 

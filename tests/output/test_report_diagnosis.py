@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from test_report import Page
 
-from femu_piezo.batch.steps import CONSTANT_COLUMNS, DIAGNOSIS_COLUMNS, UPDATE_COLUMNS
+from femu_piezo.batch.table import CONSTANT_COLUMNS, DIAGNOSIS_COLUMNS, UPDATE_COLUMNS
 from femu_piezo.diagnosis.averaging import Averaged
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.effects.effect import EffectParameter

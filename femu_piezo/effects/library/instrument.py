@@ -11,9 +11,15 @@ from __future__ import annotations
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
+from femu_piezo.threads import Once
 
 #: Height of the bells that gives a process of variance one, and how far beyond the sweep a bell still counts, decades.
 _HEIGHT, _REACH = (2 / np.pi) ** 0.25, 1.5
+
+
+def _bells(omega: np.ndarray, decades: np.ndarray) -> np.ndarray:
+    """(k, m) bells on m decades at ω (k,) rad/s."""
+    return _HEIGHT * np.exp(-((np.log10(omega / (2 * np.pi))[:, None] - decades) ** 2))
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
@@ -25,9 +31,10 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     decades = np.arange(np.ceil(low - _REACH), np.floor(high + _REACH) + 1)
     scales = np.repeat([magnitude, 1j * phase], decades.size)
 
+    kept = Once(latest=2)
+
     def circuit(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
-        bells = _HEIGHT * np.exp(-((np.log10(omega / (2 * np.pi))[:, None] - decades) ** 2))
-        slopes = np.hstack([bells, bells]) * scales
+        slopes = kept.get(omega.tobytes(), lambda: np.tile(_bells(omega, decades), 2) * scales)
         gain = np.exp(slopes @ p)
         return z * gain, gain, (z * gain)[:, None] * slopes
 
