@@ -42,7 +42,7 @@ class Averaged:
 
     Attributes
     ----------
-    causes : (m,) titles of the causes of each part;  discrepant : (m,) whether the part has a discrepancy as well
+    causes : (m,) keys of the causes of each part;  discrepant : (m,) whether the part has a discrepancy as well
     weights : (m,) posterior probability of each part
     mean, std : (m, 2n) value and loss tangent of each of n constants in each part, SI
     """
@@ -115,7 +115,7 @@ def averaged(hypotheses: Sequence[Hypothesis]) -> Averaged:
 
     logs = np.array([log for log, *_ in near])
     return Averaged(
-        causes=tuple(tuple(cause.title for cause in hypothesis.fit.parameters.causes) for _, hypothesis, _ in near),
+        causes=tuple(tuple(cause.key for cause in hypothesis.fit.parameters.causes) for _, hypothesis, _ in near),
         discrepant=tuple(discrepant for *_, discrepant in near),
         weights=np.exp(logs - logsumexp(logs)),
         mean=unit * [hypothesis.fit.x[: unit.size] for _, hypothesis, _ in near],

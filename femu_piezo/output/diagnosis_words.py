@@ -108,7 +108,7 @@ class Spread:
 def spreads(result: Diagnosis) -> list[Spread]:
     """Of every free constant and tangent, in falling order of `wider`."""
     comparison, reach, found = result.comparison, float(ndtri((1 + LEVEL) / 2)), []
-    named_causes = tuple(cause.title for cause in comparison.final.parameters.causes)
+    named_causes = tuple(cause.key for cause in comparison.final.parameters.causes)
     for number, (name, estimate) in enumerate(result.after.items()):
         parts = (
             (name, *PRINTED[name], estimate.interval, estimate.value, estimate.std),
@@ -126,13 +126,19 @@ def _other_set(most: tuple[tuple[str, ...], bool] | None, named_causes: tuple[st
     if most is None:
         return "one of several other causes"
     causes, discrepant = most
-    further = [plain(title) for title in causes if title not in named_causes]
+    titles = [_title(key) for key in named_causes]
+    further = [_title(key) for key in causes if key not in named_causes]
     if further:
-        return listed(further)
-    missing = [plain(title) for title in named_causes if title not in causes]
+        return listed([f"another law of {plain(title)}" if title in titles else plain(title) for title in further])
+    missing = [plain(_title(key)) for key in named_causes if key not in causes]
     if missing:
         return f"the absence of {listed(missing)}"
     return "an error that no cause describes" if discrepant else "the absence of an error that no cause describes"
+
+
+def _title(key: str) -> str:
+    """The title of a cause with a key (`Effect.key`): the key without the law."""
+    return key.partition("/")[0]
 
 
 def answer(result: Diagnosis) -> Answer:

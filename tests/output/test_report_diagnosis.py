@@ -189,6 +189,17 @@ def test_constants_that_another_cause_would_change_are_named():
     assert whatever_the_cause(_known(replace(averaged, weights=np.array([1.0, 0.0])))) == ()
 
 
+def test_constants_that_another_law_of_the_named_cause_would_change():
+    """Two laws of one cause, nearly equally probable: the other law is named, not "several other causes"."""
+    mean, std = np.array([[1.6e-11, 0.02, 3e-8, 0.02]] * 2), np.array([[1e-13, 1e-4, 1e-10, 1e-4]] * 2)
+    mean[1, 0] = 1.5e-11
+    laws = (("frequency_dependent_elastic_loss/causal",), ("frequency_dependent_elastic_loss",))
+    result = _known(Averaged(laws, (False, False), np.array([0.6, 0.4]), mean, std))
+    result.comparison.final.parameters.causes = (SimpleNamespace(key=laws[0][0]),)
+    (sentence,) = whatever_the_cause(result)
+    assert ": another law of frequency dependent elastic loss, which this sweep does not exclude" in sentence
+
+
 def test_none_is_reported_in_words_and_figures(none):
     assert none.record["verdict"] == "none" and none.record["causes"] == []
     assert "explains this sweep within the noise" in none.first
