@@ -26,6 +26,9 @@ from femu_piezo.study.results import rms
 _ACCURACY, _BASIS_ACCURACY, _NOISE = 5e-3, 1e-3, 1e-2
 #: Constants are poor if rms |Δ log Z| is above this multiple of the noise and above this value.
 _POOR, _LEAST_POOR = 10.0, 5e-3
+#: Frequency over that of the expected fundamental from which the lowest mode of a sweep counts as an overtone: the next
+#: ones of bars and disks lie at 2.6 and 3, and constants of the file that are off by four still put it at 2.
+_OVERTONE = 2.0
 #: Least eigenvalue of the energy that start constants have, as a share of that of the file's.
 _STABLE = 0.1
 
@@ -48,6 +51,7 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
 
     The pole-zero update starts from thin-body formulas, which fail where the modes of two dimensions meet, and may
     mistake another mode for the fundamental, so that the body is far too soft; the file's constants may be far away.
+    Where the lowest measured mode lies so high that it is an overtone by the file's constants, these are taken.
 
     Raises ConvergenceError where neither settles, and InputError where the specimen has effects, which the pole-zero
     update does not know, and the file's constants are no stable material.
@@ -56,8 +60,9 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     measured = list(leading.values())
     problem = measured[0].problem
     full = [bases.model(one, _ACCURACY) for one in measured]
-    attempts = [] if has_effects(measured) else [lambda: _from_pole_zero(measured, full, bases)]
     faults = problem.fitted.physical_faults(passive=False)
+    with_fundamental = not has_effects(measured) and (bool(faults) or not any(map(_is_of_overtones, measured)))
+    attempts = [lambda: _from_pole_zero(measured, full, bases)] if with_fundamental else []
     if not faults:
         without_steps = (no_history(problem),) * len(measured)
         attempts.append(lambda: (*_fitted(measured, full, bases, problem.fitted), without_steps))
@@ -82,6 +87,11 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
         constants = _away_from_wall(constants, problem.fitted)
     of_piece = dict(zip(leading, histories, strict=True))
     return Beginning(constants, tuple(of_piece[one.piece.name] for one in every))
+
+
+def _is_of_overtones(one: Measured) -> bool:
+    """Whether the lowest mode of a sweep is an overtone, by the constants of the file."""
+    return one.pair.pole.frequency_Hz > _OVERTONE * one.problem.expected_pole_Hz
 
 
 def _away_from_wall(found: PiezoConstants, of_file: PiezoConstants) -> PiezoConstants:

@@ -210,6 +210,11 @@ def _without_held_out(spectrum: ImpedanceSpectrum, band: tuple[float, float] | N
     if band is None:
         return spectrum
     fitted = spectrum.select((spectrum.frequency < band[0]) | (spectrum.frequency > band[1]))
+    if len(fitted) == len(spectrum):
+        raise InputError(
+            f"{where}: measurement.held_out = [{band[0]:g}, {band[1]:g}] Hz holds no point of {spectrum.source}, "
+            f"{spectrum.frequency[0]:g} to {spectrum.frequency[-1]:g} Hz; give a band inside it, or take it out"
+        )
     if len(fitted) < min(FEWEST_POINTS, len(spectrum)):
         raise InputError(
             f"{where}: measurement.held_out = [{band[0]:g}, {band[1]:g}] Hz leaves {len(fitted)} of {len(spectrum)} "

@@ -186,5 +186,7 @@ def _thickness(size: float, ratio: float, constants: PiezoConstants, density: fl
         return []
     piece = Piece("thickness plate", size, **common, aspect=("width/thickness", ratio))
     stiff = material_figures(constants)
+    if not (stiff["c33D"] > 0 and stiff["kt"] < 1):  # of no stable material
+        return []
     zero = float(np.sqrt(stiff["c33D"] / density) / (2 * size))
     return [(piece, zero * float(np.sqrt(1 - 8 / np.pi**2 * stiff["kt"] ** 2)))]

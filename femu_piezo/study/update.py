@@ -221,10 +221,11 @@ def _low_end_note(measured: Sequence[Measured]) -> tuple[str, ...]:
         return ()
     plate, eps = read[0].problem.plate, abs(read[0].permittivity)
     picofarad = 1e12 * eps * plate.electrode_area / plate.electrode_gap
+    share = float(f"{100 / picofarad:.1g}")
     return (
         f"ε33T is found from the capacitance at the low end of a sweep along the poling, {picofarad:.2g} pF, of which "
-        f"1 pF of stray capacitance is {100 / picofarad:.1g} %: take ε33T from a k31 plate of the lot, by eps33T and "
-        "std_eps33T of its update, or update both together",
+        f"1 pF of stray capacitance is {share:g} %: take ε33T from a k31 plate of the lot, by "
+        "eps33T and std_eps33T of its update, or update both together",
     )
 
 
@@ -324,7 +325,10 @@ def _notes(
     if known is not None:
         loose = [name for name in known.names if known.verdict(name) == "not"]
         if loose:
-            notes.append(f"the data do not determine {', '.join(loose)}: their values are those of the prior")
+            notes.append(
+                f"the data alone do not determine {', '.join(loose)}: their values and standard deviations rest on the "
+                "prior as well"
+            )
     if found is not None:
         notes += _fit_notes(found)
     for one, outcome in zip(several, outcomes, strict=True):

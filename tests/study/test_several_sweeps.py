@@ -461,7 +461,11 @@ WRONG = {
     "temperature": (['file = "a.csv"', 'temperature = "25 bar"'], [], "is not a temperature"),
     "hot": (['file = "a.csv"', "temperature = 3000"], [], "outside"),
     "half told": (['file = "a.csv"', 'fixture = "clips"', "[[sweep]]", 'file = "b.csv"'], [], "not for b"),
-    "one name": (['file = "a.csv"', "[[sweep]]", 'file = "x/a.csv"'], [], "two sweeps"),
+    "one name": (
+        ['file = "a.csv"', "[[sweep]]", 'file = "x/a.csv"'],
+        [],
+        "write [[sweep]] tables, each with file and a name",
+    ),
     "no such fixture": (
         ['file = "a.csv"'],
         ['[effects."stray_capacitance (clips)"]', "capacitance = 1e-12"],

@@ -9,11 +9,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hidden_effects.build import Build
 from scipy.optimize import brentq
 
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.starts.pole_zero import static_permittivity
 from femu_piezo.inference.starts.thin_body import k31_bar_admittance, k33_bar_impedance
+from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen, read_specimens
 from femu_piezo.study import beginning
@@ -239,6 +241,12 @@ def test_a_held_out_band_that_leaves_nothing_to_fit_is_named(sweeps, write_speci
     assert "measurement.held_out = [" in answer.output and f"leaves {left} of 61 points" in answer.output
 
 
+def test_a_held_out_band_outside_the_sweep_is_named(sweeps, write_specimen_of, tmp_path):
+    spec = write_specimen_of("k31", sweeps["k31"], TRIO, more="held_out = [400e3, 500e3]")
+    answer = invoked("update", spec, "--out", tmp_path / "out")
+    assert answer.exit_code == 2 and "holds no point of" in answer.output
+
+
 def test_a_sweep_without_its_fundamental_is_refused(sweeps, write_specimen_of, tmp_path):
     """The band ends below the resonance."""
     sweep = sweeps["k31"]
@@ -387,3 +395,59 @@ def test_a_lossless_simulation_is_recognised(sweeps, write_specimen_of, tmp_path
     answer = invoked("update", spec, "--out", tmp_path / "out")
     assert answer.exit_code == 2
     assert "simulated without loss" in answer.output
+
+
+def test_an_overtone_alone_is_not_taken_for_the_fundamental(tmp_path):
+    """A PZT-5A plate swept over its third harmonic, with a file that says PZT-5H: s11, d31 and ε33T of PZT-5A.
+
+    The sweep comes from another solver. Taken for a fundamental, the mode made s11 three times as large.
+    """
+    eps0, loss = 8.8541878128e-12, 1 - 0.015j
+    values = [16.4e-12, -5.74e-12, -7.22e-12, 18.8e-12, 47.5e-12, -171e-12, 374e-12, 584e-12, 1730 * eps0, 1700 * eps0]
+    size, frequency = np.array([20e-3, 4e-3, 0.8e-3]), np.linspace(150e3, 250e3, 201)
+    impedance = Build(size, 7600.0, np.array(values) * loss, 70e3).impedance(frequency)
+    write_spectrum(noisy_sweep(ImpedanceSpectrum(frequency, impedance), 1e-3, 3), tmp_path / "sweep.csv")
+    spec = tmp_path / "plate.toml"
+    lines = [
+        'name = "overtone"',
+        "[geometry]",
+        'shape = "plate"',
+        "length = 20e-3",
+        "width = 4e-3",
+        "thickness = 0.8e-3",
+    ]
+    lines += ["density = 7600.0", "[material]", 'base = "pzt-5h"', 'free = ["s11", "d31", "eps33T"]']
+    spec.write_text("\n".join([*lines, "[measurement]", 'file = "sweep.csv"']), encoding="utf-8")
+    result = update(read_specimen(spec))
+    for name, value in {"s11": 16.4e-12, "d31": -171e-12, "eps33T": 1700 * eps0}.items():
+        assert result.parameters[name].value == pytest.approx(value, rel=0.04), name
+    assert result.outcomes[0].rms_after < 2e-3
+
+
+def test_a_zero_that_the_fixture_moves_far_is_that_of_the_curve(tmp_path):
+    """A k33 bar of 2 pF with 0.6 pF beside it: the simulated zero is where |Z| of the simulated curve is largest.
+
+    The capacitance moves the zero by 7 %, which was not believed, and the zero of the bare bar was listed.
+    """
+    frequency = np.linspace(60e3, 180e3, 401)
+    s33, d33, eps33T = 20.7e-12 * (1 - 0.015j), 593e-12 * (1 - 0.013j), 3400 * 8.8541878128e-12 * (1 - 0.016j)
+    bar = k33_bar_impedance(2 * np.pi * frequency, 12e-3, 1e-6, 7500.0, s33, d33, eps33T)
+    impedance = 1 / (1 / bar + 2j * np.pi * frequency * 0.6e-12)
+    write_spectrum(noisy_sweep(ImpedanceSpectrum(frequency, impedance), 1e-3, 3), tmp_path / "sweep.csv")
+    spec = tmp_path / "bar.toml"
+    lines = ['name = "bar"', "[geometry]", 'shape = "plate"', "length = 12e-3", "width = 1e-3", "thickness = 1e-3"]
+    lines += [
+        'poling = "length"',
+        "density = 7500.0",
+        "[material]",
+        'base = "pzt-5h"',
+        'free = ["s33", "d33", "eps33T"]',
+    ]
+    lines += ["[measurement]", 'file = "sweep.csv"', "[effects.stray_capacitance]", "capacitance = 0.6e-12"]
+    spec.write_text("\n".join(lines), encoding="utf-8")
+    result = update(read_specimen(spec))
+    (outcome,) = result.outcomes
+    measured, simulated = next(pair for pair in outcome.matched if pair[0].kind == "zero")
+    peak = frequency[np.argmax(np.abs(outcome.updated_curve))]
+    assert simulated.frequency_Hz == pytest.approx(peak, rel=5e-3)
+    assert simulated.frequency_Hz == pytest.approx(measured.frequency_Hz, rel=2e-3)
