@@ -13,6 +13,7 @@ from femu_piezo.measurement.discrepancy_forms import Alternatives, matern, smoot
 from femu_piezo.measurement.sweeps import SweepData, noise_memory, stacked
 
 SHARES = (0.0, 1.0)  # of the variance that is due to errors of frequency: none, or all
+_UNKNOWN = 1e100  # deviation of a parameter on which no point depends; its square is finite
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,11 @@ def fisher_spread(model: RationalModel, data: NormalisedSweep, scale: float = 1.
     """
     jac = (data.weight / data.charge)[:, None] * model.jacobian(data.x)
     size = np.linalg.norm(jac, axis=0)
-    return Spread(scale * np.linalg.inv(np.linalg.qr(jac / size)[1]) / size[:, None], circular=True)
+    shown = size > 0  # a pole without a residue moves no point
+    factor = np.diag(np.where(shown, 0.0, _UNKNOWN)).astype(complex)
+    inverse = np.linalg.inv(np.linalg.qr(jac[:, shown] / size[shown])[1])
+    factor[np.ix_(shown, shown)] = scale * inverse / size[shown, None]
+    return Spread(factor, circular=True)
 
 
 def errors_about(model: RationalModel, data: NormalisedSweep, sweep: SweepData) -> list[Alternatives]:

@@ -153,6 +153,6 @@ class Extraction:
             "method": self.method,
             "status": self.status,
             "standard_figures": None if self.figures is None else self.figures.to_json(),
-            "notes": list(self.notes),
+            "notes": [*self.spectrum.notes, *self.notes],
             "remarks": list(self.remarks),
         }

@@ -1,6 +1,7 @@
 """The picture of an extraction carries the data, the fit, the residual and the columns."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,3 +69,9 @@ def test_extraction_does_not_import_matplotlib():
 
     code = "import sys, femu_piezo.extraction; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_notes_on_the_sweep_are_in_the_record():
+    """What is wrong with the readings, as the terminal tells it, stands in extraction.json too."""
+    spectrum = replace(sweep(Bar(), np.linspace(28e3, 48e3, 101), relative=1e-3), notes=("two points are spikes",))
+    assert extract(spectrum).to_json()["notes"][0] == "two points are spikes"

@@ -190,6 +190,22 @@ def test_fisher_spread_is_the_scatter_of_repeated_fits():
     assert abs(sample[0, 1]) < 4 * stated[0, 0] / np.sqrt(149) + abs(stated[0, 1])
 
 
+def test_a_pole_without_a_residue_is_unknown_and_leaves_the_others_known():
+    """No point depends on such a pole: its deviation is beyond all numbers that matter, those of the others finite."""
+    bar, frequency = Bar(), np.linspace(28e3, 48e3, 101)
+    data = sweep(bar, frequency, relative=1e-3, seed=1)
+    rows = NormalisedSweep.of(data.omega, data.admittance, np.full(101, 1e3))
+    at = (bar.pole(1) - rows.axis.center) / rows.axis.half_width
+    start = RationalModel(rows.axis, rows.scale, np.array([at]), np.zeros(1, complex), np.zeros(3, complex))
+    one = solve_linear(start, rows).model
+    two = RationalModel(
+        one.axis, one.scale, np.append(one.poles, 0.3 + 0.01j), np.append(one.residues, 0), one.background
+    )
+    alone, beside = (np.linalg.norm(fisher_spread(model, rows).factor, axis=1) for model in (one, two))
+    assert np.all(np.isfinite(beside)) and beside[1] > 1e90
+    assert np.delete(beside, [1, 3]) == pytest.approx(alone, rel=0.2)
+
+
 def test_circular_spread_is_that_of_a_circular_sample():
     """δθ = F w, w circular: Re and Im of w have ½ each, so that F/√2 and jF/√2 are a sample; all cross terms."""
     rng = np.random.default_rng(3)
