@@ -122,8 +122,8 @@ def check_unknowns(unknowns: float, entries: float = 0.0) -> None:
         many = f"{unknowns:.2g} unknowns" if unknowns > MOST_UNKNOWNS else f"{entries:.2g} entries in its matrices"
         raise InputError(
             f"the mesh would have about {many}, too many to be solved; lower the highest frequency (the end of the "
-            "sweep, simulation.stop, --band of modes; is its unit right?) or, of `simulate` and `modes`, ask for less "
-            "accuracy (update.accuracy = 1e-3)"
+            "sweep, simulation.stop, --band of modes; is its unit right?), raise simulation.order where the file "
+            "states a low one, or, of `simulate` and `modes`, ask for less accuracy (update.accuracy = 1e-3)"
         )
 
 

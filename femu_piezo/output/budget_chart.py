@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from femu_piezo.inference.budget import SOURCES
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.output.picture import Picture, as_it_stands
-from femu_piezo.output.tables import std_percent
+from femu_piezo.output.tables import source_words, std_percent
 
 #: Colour of each source, the same in every picture.
 SOURCE_COLOURS = dict(
@@ -22,8 +22,6 @@ SOURCE_COLOURS = dict(
         strict=True,
     )
 )
-#: Names of sources in the legend, where they differ from the key.
-_WORDS = {"held": "held constants", "geometry": "dimensions", "law": "law of a cause", "mesh": "mesh and basis"}
 #: A source whose share of the variance is below the first in every bar is not drawn; shares from the second on are
 #: written into the bar.
 _SEEN, _NUMBERED = 0.005, 0.07
@@ -54,7 +52,7 @@ def budget_figure(title: str, parameters: Mapping[str, Estimate]) -> Figure:
     for source in shown:
         widths = [100 * parts.get(source, 0.0) for parts in shares.values()]
         colour = SOURCE_COLOURS[source]
-        name = _WORDS.get(source, source)
+        name = source_words(source)
         bars = axes.barh(list(shares), widths, left=list(starts.values()), color=colour, label=name, height=0.72)
         numbers = [f"{width:.0f}" if width >= 100 * _NUMBERED else "" for width in widths]
         ink = "black" if colour in _LIGHT else "white"

@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from femu_piezo.output.curves import MEASURED, PRINTED, UPDATED, draw_impedance, frequency_axis
 from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.output.tables import deviation_percent, figure_words
+from femu_piezo.output.wording import sentence_case
 from femu_piezo.specimen.geometry import LENGTHS
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.results import Outcome, UpdateResult
@@ -139,7 +140,7 @@ def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]
     sentences.insert(0, "± is one standard deviation; a constant is value (1 − j tan), time factor exp(jωt)")
     lines, remaining = [], list(sentences)
     while remaining:
-        sentence = f"{remaining[0][0].upper()}{remaining[0][1:]}.".replace(" %", "\N{NO-BREAK SPACE}%")
+        sentence = f"{sentence_case(remaining[0])}.".replace(" %", "\N{NO-BREAK SPACE}%")
         wrapped = textwrap.wrap(sentence, _WIDTH)
         if len(lines) + len(wrapped) > _LINES - (len(remaining) > 1):
             lines.append(f"Further notes in update.json: {len(remaining)}.")

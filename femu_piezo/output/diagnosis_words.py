@@ -22,6 +22,7 @@ from femu_piezo.output.wording import (
     names_of,
     percent,
     plain,
+    sentence_case,
     spoken,
     with_article,
 )
@@ -398,4 +399,4 @@ def _measures(result: Diagnosis) -> tuple[str, ...]:
             return first, _HOLD
     remedies = [cause.effect.advice[0] for cause in result.verdict.extension if cause.effect.advice]
     advice = list(dict.fromkeys([*remedies, *result.verdict.measurements]))[:3]
-    return (first, *(f"{words[0].upper()}{words[1:]}.".replace("_", " ") for words in advice))
+    return (first, *(f"{sentence_case(words)}.".replace("_", " ") for words in advice))

@@ -25,7 +25,7 @@ from femu_piezo.output.report_diagnosis_charts import curve_charts, models, resi
 from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import fundamental_picture
 from femu_piezo.output.tables import interval_text
-from femu_piezo.output.wording import listed, spoken
+from femu_piezo.output.wording import listed, sentence_case, spoken
 from femu_piezo.study.diagnose import Diagnosis, extended_specimen
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals
 from femu_piezo.units import number, signed
@@ -110,7 +110,7 @@ def _resonance_table(residuals: PoleZeroResiduals, caption: str, when: str) -> s
                 )
             )
     headings = ("", "measured (Hz)", "simulated (Hz)", "Δf", "measured Q", "ΔQ", "Δk_eff")
-    return table(headings, rows, f"{caption[0].upper()}{caption[1:]}")
+    return table(headings, rows, sentence_case(caption))
 
 
 def _without_partner(result: Diagnosis) -> list[str]:

@@ -7,7 +7,7 @@ import numpy as np
 from femu_piezo.output.chart import Axis, Band, Chart, Series
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
 from femu_piezo.output.impedance_charts import Curve, impedance_charts, view
-from femu_piezo.output.wording import names_of
+from femu_piezo.output.wording import names_of, sentence_case
 from femu_piezo.study.diagnose import Diagnosis
 
 
@@ -68,7 +68,7 @@ def residual_charts(result: Diagnosis) -> list[Chart]:
                 (*_bands(result, factor), Band("y", -1.96, 1.96, "95 % of noise alone", "#e3ece3")),
                 _views(result, factor) if index == 0 else {},
                 height=250,
-                caption=f"{curve.words[0].upper()}{curve.words[1:]}: root mean square {rms:.3g} σ; {judged}.",
+                caption=f"{sentence_case(curve.words)}: root mean square {rms:.3g} σ; {judged}.",
             )
         )
     return charts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from femu_piezo.output.report import Cell, notes, paragraph, table
 from femu_piezo.output.tables import deviation_percent, figure_words
+from femu_piezo.output.wording import sentence_case
 from femu_piezo.standards.figures import Figure, StandardFigures
 
 
@@ -21,7 +22,7 @@ def standard_figures_html(figures: StandardFigures, key: str) -> str:
             row += [_cell(one, f"{key}.figures.{one.name}", "model"), deviation_percent(one.deviation)]
         rows.append(row)
     sentence = figures.formula_words
-    words = "" if sentence is None else paragraph(f"{sentence[0].upper()}{sentence[1:]}.")
+    words = "" if sentence is None else paragraph(f"{sentence_case(sentence)}.")
     return table(headings, rows, figures.title, "parameters") + words + notes(figures.notes)
 
 

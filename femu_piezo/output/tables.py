@@ -61,6 +61,9 @@ _WIDTH = 110
 _PLAIN = {"markup": False, "emoji": False}
 _HTML = '<pre style="font-family: monospace; line-height: 1.2; white-space: pre">{code}</pre>'
 
+#: Sources of a deviation in words, where these differ from the key in a record.
+_SOURCES = {"held": "held constants", "geometry": "dimensions", "law": "law of a cause", "mesh": "mesh and basis"}
+
 
 def interval_text(low: float, high: float) -> str:
     """The ends of an interval of 95 %, to the second digit of a quarter of its length."""
@@ -163,10 +166,16 @@ def deviation_percent(share: float | None) -> str:
     return f"{100 * share:+.0f} %" if abs(share) >= 1 else f"{100 * share:+.2g} %"
 
 
+def source_words(source: str) -> str:
+    """A source of a deviation, a key of `Estimate.budget`, in words."""
+    return _SOURCES.get(source, source)
+
+
 def _share_words(estimate: Estimate) -> str:
     """The largest part of the variance, with its share."""
     source = estimate.largest_part
-    return f"{source} {100 * (estimate.budget[source] / estimate.std) ** 2:.0f} %" if source else ""
+    share = 100 * (estimate.budget[source] / estimate.std) ** 2 if source else 0.0
+    return f"{source_words(source)} {share:.0f} %" if source else ""
 
 
 def _shares(shares: dict[str, float]) -> str:
@@ -403,4 +412,4 @@ def tolerance_words(one: Improvement, size: float) -> str:
 def _parts_words(budget: Mapping[str, float], std: float) -> str:
     """The parts of a variance above a tenth, the largest first."""
     shares = sorted(((part / std) ** 2, source) for source, part in budget.items())[::-1]
-    return ", ".join(f"{source} {100 * share:.0f} %" for share, source in shares if share > 0.1)
+    return ", ".join(f"{source_words(source)} {100 * share:.0f} %" for share, source in shares if share > 0.1)

@@ -20,6 +20,11 @@ def spoken(effect: Effect) -> str:
     return plain(effect.title) + law
 
 
+def sentence_case(words: str) -> str:
+    """Words with a capital letter at the beginning; a Greek symbol there stays as it is."""
+    return f"{words[0].upper()}{words[1:]}" if words[0].isascii() else words
+
+
 def with_article(words: str) -> str:
     """a mass, an uneven body."""
     return f"{'an' if words[0] in 'aeiou' else 'a'} {words}"

@@ -452,7 +452,10 @@ class Specimen(Table):
         labels = [one.label for one in sweeps]
         double = next((label for label in labels if labels.count(label) > 1 or not label.isprintable()), None)
         if double is not None:
-            return f"sweep.name = {shown(double)} names two sweeps, or is not one line; give each sweep its own name"
+            return (
+                f"two sweeps are called {shown(double)}, or that is not one line: a sweep is called as its file unless "
+                "it has a name; write [[sweep]] tables, each with file and a name of its own"
+            )
         for key in ("drive_voltage", "temperature", "fixture"):
             given = [one for one in sweeps if getattr(one, key) is not None]
             if 0 < len(given) < len(sweeps):

@@ -97,7 +97,7 @@ def _sentence(error: Any, table: type[Table]) -> str:
         return f"{shown(key)[1:-1]} is not a key that is known; {hint}"
     if error["type"] == "missing":
         return f"{key} is missing" + (f"; {table.missing[names[-1]]}" if names[-1] in table.missing else "")
-    if error["type"] == "model_type":
+    if error["type"] in ("model_type", "dict_type"):
         return f"{key} = {shown(error['input'])} is not a table; write [{key}] and its keys below"
     message = (error["msg"][0].lower() + error["msg"][1:]).replace("a valid boolean", "true or false")
     message = message.replace("a valid tuple", "a list")
