@@ -94,8 +94,9 @@ def _constant_table(result: Diagnosis) -> Table:
 
 
 def _resonance_table(result: Diagnosis) -> Table:
-    """Δf and ΔQ of every pole and zero, before and after."""
-    table = Table(title="poles and zeros, simulated − measured", title_justify="left")
+    """Δf and ΔQ of every pole and zero of the sweep `shown`, before and after."""
+    of = f" of {result.sweeps[result.shown].measured.problem.specimen.name}" if len(result.sweeps) > 1 else ""
+    table = Table(title=f"poles and zeros{of}, simulated − measured", title_justify="left")
     for heading in ("", "measured (Hz)"):
         table.add_column(heading, justify="right")
     extension = result.verdict.extension
