@@ -320,7 +320,10 @@ def _notes(
             "the simplified material is taken as exact: the standard deviations do not include what it gets wrong; "
             "leave out simplified for those of all constants"
         )
-    notes += [f"updated constants: {fault}" for fault in constants.physical_faults(tolerance=1e-3)]
+    faults = constants.physical_faults(tolerance=1e-3)
+    notes += [f"updated constants: {fault}" for fault in faults]
+    if any(fault.kind == "unstable" for fault in faults):
+        notes.append("the constants that are held may be those of another material: see material.base and its values")
     notes += [note for one in several for note in one.noise_notes]
     if known is not None:
         loose = [name for name in known.names if known.verdict(name) == "not"]

@@ -422,6 +422,7 @@ def test_an_overtone_alone_is_not_taken_for_the_fundamental(tmp_path):
     for name, value in {"s11": 16.4e-12, "d31": -171e-12, "eps33T": 1700 * eps0}.items():
         assert result.parameters[name].value == pytest.approx(value, rel=0.04), name
     assert result.outcomes[0].rms_after < 2e-3
+    assert any("those of another material" in note for note in result.notes)
 
 
 def test_a_zero_that_the_fixture_moves_far_is_that_of_the_curve(tmp_path):
