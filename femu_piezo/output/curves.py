@@ -87,11 +87,11 @@ def iteration_figure(outcome: Outcome, names: tuple[str, ...]) -> Figure:
     error = np.array([np.abs(step.eigenvalues / measured - 1) for step in outcome.history])
     for column, (name, marker) in enumerate((("pole", "o-"), ("zero", "s-"))):
         distance.semilogy(steps, error[:, column], marker, label=name, markersize=4)
-    for name in names:
-        moving = np.array([getattr(step.constants, name) for step in outcome.history])
-        values.plot(steps, moving.real / moving[-1].real, "o-", label=f"Re {name}", markersize=4)
+    for number, name in enumerate(names):
+        moving, style = np.array([getattr(step.constants, name) for step in outcome.history]), {"color": f"C{number}"}
+        values.plot(steps, moving.real / moving[-1].real, "o-", label=f"Re {name}", markersize=4, **style)
         if moving[-1].imag:
-            values.plot(steps, moving.imag / moving[-1].imag, "s:", label=f"Im {name}", markersize=4)
+            values.plot(steps, moving.imag / moving[-1].imag, "s:", label=f"Im {name}", markersize=4, **style)
     title = f"{as_it_stands(outcome.measured.problem.specimen.name)}: pole-zero iteration, λ = ω²(1 + jη)"
     distance.set(ylabel="|λ − λ measured| / |λ|", title=title)
     values.set(ylabel="constant / its final value", xlabel="iteration")

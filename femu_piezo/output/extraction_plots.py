@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.stabilization import StabilizationDiagram, rational_stabilization
@@ -169,7 +170,7 @@ def _stabilization(extraction: Extraction, axes: Axes, diagram: StabilizationDia
         axes.axvline(at, color=colour, linewidth=0.8, linestyle="--", zorder=0)
     axes.plot([], [], color=colour, linewidth=0.8, linestyle="--", label="column")
     axes.set_ylabel(f"model order ({name})")
-    axes.yaxis.get_major_locator().set_params(integer=True)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False, fontsize=9)
 
 
