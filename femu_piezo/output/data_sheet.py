@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from femu_piezo.output.curves import MEASURED, PRINTED, UPDATED, draw_impedance, frequency_axis
 from femu_piezo.output.picture import Picture, as_it_stands
-from femu_piezo.output.tables import deviation_percent, figure_words
+from femu_piezo.output.tables import deviation_percent, figure_words, source_words
 from femu_piezo.output.wording import sentence_case
 from femu_piezo.specimen.geometry import LENGTHS
 from femu_piezo.standards.figures import StandardFigures
@@ -88,7 +88,7 @@ def _constants(result: UpdateResult) -> list[tuple[str, ...]]:
                 name,
                 f"({value}) {unit}" if "±" in value else f"{value} {unit}",
                 number(estimate.tan, estimate.tan_std),
-                source or "",
+                source_words(source or ""),
             )
         )
     return rows

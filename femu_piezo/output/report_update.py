@@ -26,6 +26,7 @@ from femu_piezo.output.report import (
 from femu_piezo.output.report_curves import curve_charts, sensitivity_chart
 from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import mode_section
+from femu_piezo.output.tables import source_words
 from femu_piezo.output.temperature_chart import temperature_figure
 from femu_piezo.specimen.geometry import Geometry
 from femu_piezo.study.results import Outcome, UpdateResult
@@ -205,7 +206,9 @@ def _budget(result: UpdateResult) -> str:
     if not shares:
         return ""
     largest = {label: max(parts, key=parts.__getitem__) for label, parts in shares.items()}
-    words = ", ".join(f"{label} {source} {100 * shares[label][source]:.0f} %" for label, source in largest.items())
+    words = ", ".join(
+        f"{label} {source_words(source)} {100 * shares[label][source]:.0f} %" for label, source in largest.items()
+    )
     figure = budget_figure("Uncertainty budget: shares of the variance by source", result.parameters)
     return picture(figure, f"Sources of the standard deviations, as shares of the variance; the largest: {words}.")
 

@@ -12,7 +12,7 @@ from femu_piezo.files import read_json
 from femu_piezo.measurement.checks import check_spectrum
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.tables import interval_text
+from femu_piezo.output.tables import interval_text, source_words
 from femu_piezo.specimen.file import Measurement
 from femu_piezo.units import number
 from femu_piezo.web.charts import Curve
@@ -104,7 +104,7 @@ def shares(parameters: dict) -> dict[str, dict[str, float]]:
             budget = one.get(key) or {}
             whole = sum(value**2 for value in budget.values())
             if whole:
-                found[label] = {part: 100 * value**2 / whole for part, value in budget.items()}
+                found[label] = {source_words(part): 100 * value**2 / whole for part, value in budget.items()}
     return found
 
 
@@ -115,7 +115,7 @@ def _largest_part(constant: dict) -> str:
     if not whole:
         return ""
     part = max(budget, key=budget.get)
-    return f"{part} {100 * budget[part] ** 2 / whole:.0f} %"
+    return f"{source_words(part)} {100 * budget[part] ** 2 / whole:.0f} %"
 
 
 def resonance_rows(found: Sequence[dict], kind: str) -> list[tuple[str, str, str]]:

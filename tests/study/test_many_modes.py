@@ -145,7 +145,7 @@ def test_budget_of_the_pole_zero_method(tmp_path):
     path, _ = in_a_laboratory(tmp_path, 1)
     out = tmp_path / "out"
     answer = invoked("update", path, "--out", out)
-    assert answer.exit_code == 0 and "geometry" in answer.output and "finite elements" in answer.output, answer.output
+    assert answer.exit_code == 0 and "dimensions" in answer.output and "finite elements" in answer.output, answer.output
     assert (out / "budget.png").is_file()
     for name, one in json.loads((out / "update.json").read_text(encoding="utf-8"))["parameters"].items():
         assert {"noise", "mesh", "geometry", "density", "held", "instrument"} <= set(one["budget"]), name
