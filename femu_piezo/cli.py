@@ -315,11 +315,10 @@ def update(
     updated), iterations.png (where there were pole-zero iterations), sensitivity.png and updated.csv (the updated model
     at the measured frequencies). The standard figures (k31, Qm, N, s, d by the formulas of IEEE 176-1987 for the shape)
     are shown with the finite element values and the errors of the formulas for this piece. With --report also
-    report.html, which contains all results.
-    With --sample also samples.csv (every unknown, SI), corner.png, and intervals in update.json that do not assume a
-    Gaussian posterior. With --method pole-zero the constants follow from the extracted poles and zeros: from those of
-    the fundamental of one specimen at a known eps33T as in the paper, else from all modes, for all free constants and
-    specimens together (its appendix A).
+    report.html, which contains all results. With --sample also samples.csv (every unknown, SI), corner.png, and
+    intervals in update.json that do not assume a Gaussian posterior. With --method pole-zero the constants follow from
+    the extracted poles and zeros: from those of the fundamental of one specimen at a known eps33T as in the paper, else
+    from all modes, for all free constants and specimens together (its appendix A).
     """
     from femu_piezo.api import update as run
     from femu_piezo.specimen.file import read_specimens, with_measurement, with_method

@@ -23,7 +23,7 @@ from femu_piezo.errors import ConvergenceError, InputError
 AHEAD = 1
 #: Module that workers need, which takes longest to load; and whether they can share one copy of it, loaded once by a
 #: process without threads from which they fork.
-_WORK, _FORKS = "femu_piezo.batch.steps", sys.platform == "linux"
+_LOADED_ONCE, _FORKS = "femu_piezo.batch.steps", sys.platform == "linux"
 #: Workers that may die one after the other, while no job succeeds, before the lot is given up.
 _HOPELESS = 4
 
@@ -76,7 +76,7 @@ class LocalPool:
     def _new(self) -> Executor:
         if _FORKS:
             context = multiprocessing.get_context("forkserver")
-            context.set_forkserver_preload([_WORK])
+            context.set_forkserver_preload([_LOADED_ONCE])
         else:
             context = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(self._workers, mp_context=context, initializer=start_local_worker)

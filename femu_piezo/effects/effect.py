@@ -189,6 +189,11 @@ class ExtraTerm:
         return self.matrix(model) if self.on_electrodes is None else self.on_electrodes(electrode_faces(model))
 
 
+def title_of(key: str) -> str:
+    """The `title` of the effect with a `key`."""
+    return key.partition("/")[0]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Effect:
     """A candidate cause of a misfit.

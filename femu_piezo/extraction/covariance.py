@@ -53,11 +53,12 @@ def fisher_spread(model: RationalModel, data: NormalisedSweep, scale: float = 1.
     """scale²·(JᴴJ)⁻¹, the Cramér-Rao bound where `scale` is the rms of the residual (1: weights are true).
 
     The bound is for this model class: the complex residues and the complex background coefficients are nuisance
-    parameters. J is complex because the model is holomorphic; circular noise gives circular errors.
+    parameters. J is complex because the model is holomorphic; circular noise gives circular errors. A pole whose
+    residue is 0, on which no point depends, has the deviation `_UNKNOWN`.
     """
     jac = (data.weight / data.charge)[:, None] * model.jacobian(data.x)
     size = np.linalg.norm(jac, axis=0)
-    shown = size > 0  # a pole without a residue moves no point
+    shown = size > 0
     factor = np.diag(np.where(shown, 0.0, _UNKNOWN)).astype(complex)
     inverse = np.linalg.inv(np.linalg.qr(jac[:, shown] / size[shown])[1])
     factor[np.ix_(shown, shown)] = scale * inverse / size[shown, None]

@@ -10,14 +10,14 @@ around it, and the negative of that around a zero. On a circle this is a mean ov
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.resonances import Kind
+from femu_piezo.resonances import Kind, Resonance
 
 #: Most Newton steps, the relative length below which a step is rounding, the relative step of the difference quotient,
 #: and the largest relative move of a root that is believed.
@@ -26,14 +26,32 @@ _STEPS, _SETTLED, _DIFFERENCE, _FAR = 8, 1e-14, 1e-7, 0.05
 _POINTS, _RADIUS = 4, 1e-5
 
 
-def terminal_roots(impedance: Callable[[np.ndarray], np.ndarray], kind: Kind, start: np.ndarray) -> np.ndarray:
+def terminal_roots(
+    impedance: Callable[[np.ndarray], np.ndarray],
+    kind: Kind,
+    start: np.ndarray,
+    measured: Sequence[Resonance] | None = None,
+) -> np.ndarray:
     """Complex ω (m,) of poles or zeros near starts (m,), rad/s, by Newton; the start where it leads far away.
+
+    A large circuit moves a root far from that of the body, its start. It is then sought where it was measured.
 
     Of a body without circuits the starts are the roots, where Y or Z is infinite: so the first points lie a little off
     them, and at a root that is exact to the last bit, where the step is not finite, it is 0.
 
     impedance : complex ω → Z at the terminals (`Evaluation.terminals`)
+    measured : m measured resonances of this kind, where they are known
     """
+    found = _near(impedance, kind, start)
+    lost = np.flatnonzero(np.isnan(found))
+    if lost.size and measured is not None:
+        eigenvalues = np.array([resonance.eigenvalue for resonance in measured], dtype=complex)
+        found[lost] = _near(impedance, kind, np.sqrt(eigenvalues[lost]))
+    return np.where(np.isnan(found), start, found)
+
+
+def _near(impedance: Callable[[np.ndarray], np.ndarray], kind: Kind, start: np.ndarray) -> np.ndarray:
+    """Complex ω (m,) of poles or zeros near starts (m,), by Newton; nan where it leads far away."""
     omega = start.astype(complex) * (1 + _DIFFERENCE)
 
     def function(at: np.ndarray) -> np.ndarray:
@@ -47,7 +65,7 @@ def terminal_roots(impedance: Callable[[np.ndarray], np.ndarray], kind: Kind, st
         omega = omega - step
         if np.all(np.abs(step) < _SETTLED * np.abs(omega)):
             break
-    return np.where(np.abs(omega / start - 1) < _FAR, omega, start)
+    return np.where(np.abs(omega / start - 1) < _FAR, omega, np.nan)
 
 
 def root_slopes(

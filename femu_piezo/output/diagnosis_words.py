@@ -10,6 +10,7 @@ from scipy.special import ndtri
 
 from femu_piezo.diagnosis.averaging import LEVEL
 from femu_piezo.diagnosis.verdict import Cause
+from femu_piezo.effects.effect import title_of
 from femu_piezo.effects.words import sizes
 from femu_piezo.inference.fit import Fit
 from femu_piezo.output.curves import PRINTED
@@ -127,19 +128,14 @@ def _other_set(most: tuple[tuple[str, ...], bool] | None, named_causes: tuple[st
     if most is None:
         return "one of several other causes"
     causes, discrepant = most
-    titles = [_title(key) for key in named_causes]
-    further = [_title(key) for key in causes if key not in named_causes]
+    titles = [title_of(key) for key in named_causes]
+    further = [title_of(key) for key in causes if key not in named_causes]
     if further:
         return listed([f"another law of {plain(title)}" if title in titles else plain(title) for title in further])
-    missing = [plain(_title(key)) for key in named_causes if key not in causes]
+    missing = [plain(title_of(key)) for key in named_causes if key not in causes]
     if missing:
         return f"the absence of {listed(missing)}"
     return "an error that no cause describes" if discrepant else "the absence of an error that no cause describes"
-
-
-def _title(key: str) -> str:
-    """The title of a cause with a key (`Effect.key`): the key without the law."""
-    return key.partition("/")[0]
 
 
 def answer(result: Diagnosis) -> Answer:

@@ -61,8 +61,8 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     problem = measured[0].problem
     full = [bases.model(one, _ACCURACY) for one in measured]
     faults = problem.fitted.physical_faults(passive=False)
-    with_fundamental = not has_effects(measured) and (bool(faults) or not any(map(_is_of_overtones, measured)))
-    attempts = [lambda: _from_pole_zero(measured, full, bases)] if with_fundamental else []
+    by_pole_zero = not has_effects(measured) and (bool(faults) or not any(map(_is_of_overtones, measured)))
+    attempts = [lambda: _from_pole_zero(measured, full, bases)] if by_pole_zero else []
     if not faults:
         without_steps = (no_history(problem),) * len(measured)
         attempts.append(lambda: (*_fitted(measured, full, bases, problem.fitted), without_steps))

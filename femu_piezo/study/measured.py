@@ -130,7 +130,9 @@ def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None 
     for specimen in specimens:
         sweeps = [(own, next(given)) for own in specimen.of_each_sweep]
         _refuse_idle_layout(specimen, sweeps)
-        found += _of_one_piece(specimen, [_analysed(*one) for one in sweeps])
+        analysed = [_analysed(*one) for one in sweeps]
+        _refuse_idle_held_out(specimen, analysed)
+        found += _of_one_piece(specimen, analysed)
     conditions = from_common_mean([one.conditions for one in found])
     return [replace(one, conditions=own) for one, own in zip(found, conditions, strict=True)]
 
@@ -210,11 +212,6 @@ def _without_held_out(spectrum: ImpedanceSpectrum, band: tuple[float, float] | N
     if band is None:
         return spectrum
     fitted = spectrum.select((spectrum.frequency < band[0]) | (spectrum.frequency > band[1]))
-    if len(fitted) == len(spectrum):
-        raise InputError(
-            f"{where}: measurement.held_out = [{band[0]:g}, {band[1]:g}] Hz holds no point of {spectrum.source}, "
-            f"{spectrum.frequency[0]:g} to {spectrum.frequency[-1]:g} Hz; give a band inside it, or take it out"
-        )
     if len(fitted) < min(FEWEST_POINTS, len(spectrum)):
         raise InputError(
             f"{where}: measurement.held_out = [{band[0]:g}, {band[1]:g}] Hz leaves {len(fitted)} of {len(spectrum)} "
@@ -240,6 +237,18 @@ def _refuse_idle_layout(specimen: Specimen, sweeps: Sequence[tuple[Specimen, Swe
                 f"{specimen.path or specimen.name}: measurement.{key} says how to read {what}, and {files[0].name} is "
                 "none; take it out"
             )
+
+
+def _refuse_idle_held_out(specimen: Specimen, sweeps: Sequence[_Analysed]) -> None:
+    """InputError where the band `held_out` of [measurement] holds no point of any sweep."""
+    band = specimen.measurement and specimen.measurement.held_out
+    if band and all(len(one.fitted) == len(one.spectrum) for one in sweeps):
+        low = min(one.spectrum.frequency[0] for one in sweeps)
+        high = max(one.spectrum.frequency[-1] for one in sweeps)
+        raise InputError(
+            f"{specimen.path or specimen.name}: measurement.held_out = [{band[0]:g}, {band[1]:g}] Hz holds no point of "
+            f"the sweep, {low:g} to {high:g} Hz; give a band inside it, or take it out"
+        )
 
 
 def _of_one_piece(piece: Specimen, sweeps: Sequence[_Analysed]) -> list[Measured]:

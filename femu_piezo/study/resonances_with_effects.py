@@ -40,13 +40,7 @@ def matched_resonances(
         ]
     result, impedance = [], evaluation.terminals(unknowns, x, modal)
     for kind, data, values in pairs:
-        roots = terminal_roots(impedance, kind, np.sqrt(values + 0j))
-        # a large circuit moves a root farther from that of the body than is believed: then it is sought where the data
-        # have it
-        measured = np.sqrt(np.array([resonance.eigenvalue for resonance in data]) + 0j)
-        others = terminal_roots(impedance, kind, measured)
-        nearer = (others != measured) & (np.abs(others - measured) < np.abs(roots - measured))
-        roots = np.where(nearer, others, roots)
+        roots = terminal_roots(impedance, kind, np.sqrt(values + 0j), data)
         result += [(r, Resonance(kind, complex(root**2))) for r, root in zip(data, roots, strict=True)]
     return tuple(result)
 

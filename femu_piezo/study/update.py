@@ -28,7 +28,7 @@ from femu_piezo.inference.sampling import sample_posterior
 from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
-from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.specimen.file import Specimen, Update
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.effects import has_effects
@@ -322,7 +322,8 @@ def _notes(
         )
     faults = constants.physical_faults(tolerance=1e-3)
     notes += [f"updated constants: {fault}" for fault in faults]
-    if any(fault.kind == "unstable" for fault in faults):
+    held = set(D_FORM) - set(measured[0].problem.specimen.material.free)
+    if held and any(fault.kind == "unstable" for fault in faults):
         notes.append("the constants that are held may be those of another material: see material.base and its values")
     notes += [note for one in several for note in one.noise_notes]
     if known is not None:

@@ -454,6 +454,14 @@ def test_a_window_about_the_fundamental_of_a_wide_plate(bench, bases):
         assert abs(one.value - truth()[NAMES.index(name)].real) < 3 * one.std, name
 
 
+def test_a_held_out_band_may_lie_in_one_of_two_sweeps(bench):
+    """The other sweep keeps all of its points."""
+    for name, stop in (("wide", 180e3), ("narrow", 140e3)):
+        bench.add(name, sweep(frequency=np.linspace(100e3, stop, 161), noise=5e-4, seed=5))
+    wide, narrow = measure_each([read_specimen(bench.write("[measurement]", "held_out = [150e3, 160e3]"))])
+    assert len(wide.fitted) < len(wide.spectrum) and len(narrow.fitted) == len(narrow.spectrum)
+
+
 WRONG = {
     "two ways": (['file = "a.csv"'], ["[measurement]", 'file = "b.csv"'], "measurement.file and [[sweep]]"),
     "no file": (['direction = "up"'], [], "sweep.file is missing"),

@@ -29,9 +29,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         return ()
     low, high = np.log10(context.band_Hz)
     decades = np.arange(np.ceil(low - _REACH), np.floor(high + _REACH) + 1)
-    scales = np.repeat([magnitude, 1j * phase], decades.size)
-
-    kept = Once(latest=2)
+    scales, kept = np.repeat([magnitude, 1j * phase], decades.size), Once(latest=2)
 
     def circuit(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
         slopes = kept.get(omega.tobytes(), lambda: np.tile(_bells(omega, decades), 2) * scales)

@@ -235,7 +235,7 @@ def _mode_residuals(
     residuals, slopes = [], []
     for kind, data, wanted, values, amplitudes in kinds:
         chosen = [resonance for resonance, used in zip(data, wanted, strict=True) if used]
-        roots = terminal_roots(impedance, kind, np.sqrt(values[match(chosen, values, amplitudes)] + 0j))
+        roots = terminal_roots(impedance, kind, np.sqrt(values[match(chosen, values, amplitudes)] + 0j), chosen)
         residuals.append(roots**2 - [resonance.eigenvalue for resonance in chosen])
         slopes.append(2 * roots[:, None] * root_slopes(sweep.evaluation, unknowns, x, kind, roots))
     where = np.repeat(use, 2)

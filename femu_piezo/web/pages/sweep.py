@@ -251,7 +251,7 @@ class _Sweep:
                     table(
                         ("figure", "by standard", "meaning"), figure_rows(found["standard_figures"]), "standard figures"
                     )
-            notes(found["notes"])
+            notes(note for note in found["notes"] if note not in self._read[self._chosen][2])
             for remark in found.get("remarks", []):
                 ui.label(remark)
             report_links(self._site, self._folder())
