@@ -41,8 +41,8 @@ def lot_figure(lot: Lot) -> Figure:
     if not lot.distributions:
         axes[0, 0].text(0.5, 0.5, "no specimen gave a result", ha="center", transform=axes[0, 0].transAxes)
     axes[-1, 0].set_xlabel("serial number (place in the order of file names)")
-    for axis in (axes[-1, 0].xaxis, axes[-1, 1].xaxis):
-        axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    for axis, most in ((axes[-1, 0].xaxis, 9), (axes[-1, 1].xaxis, 4)):
+        axis.set_major_locator(MaxNLocator(most, integer=True, min_n_ticks=1))
     axes[-1, 1].set_xlabel("specimens")
     figure.align_ylabels(axes[:, 0])
     looked_for = any(one.values.size >= FEWEST for one in lot.distributions)
