@@ -26,10 +26,12 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import InputError
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.simplified import Poling, simplify
-from femu_piezo.threads import made_once
+from femu_piezo.threads import Once, made_once
 
 #: Relative range of the held constants that a basis for effects is trained for.
 _HELD_SPREAD = 0.1
+#: The latest sets for effects.
+_latest_training = Once(latest=8)
 
 
 @dataclass(frozen=True)
@@ -158,19 +160,24 @@ class FreeConstants:
                 sets.append(sample)
         return sets
 
-    def training_for_effects(self, constants: PiezoConstants, spread: float = 0.05) -> list[PiezoConstants]:
+    def training_for_effects(self, constants: PiezoConstants, spread: float = 0.05) -> tuple[PiezoConstants, ...]:
         """Sets at which a basis learns to follow effects: they deform the fields in ways of their own.
 
         `constants` with their losses, corners of the range ± spread of the free ones, and each held constant moved one
-        way. The reduction also watches the error at every set mirrored at the first.
+        way. The reduction also watches the error at every set mirrored at the first. Kept for the latest constants, as
+        those of a lot are mostly the same.
         """
+        key = constants, spread, self.names, *(one.tobytes() for one in (self.fixed, self.directions, self.start))
+        return _latest_training.get(key, lambda: self._training_for_effects(constants, spread))
+
+    def _training_for_effects(self, constants: PiezoConstants, spread: float) -> tuple[PiezoConstants, ...]:
         lossless = constants.lossless()
         sets = [constants, *self.training_sets(self.start, spread, 4)[1:]]
         for name, value in lossless.as_dict().items():
             if name not in self.names and value != 0:
                 moved = (lossless.with_values(**{name: value * (1 + sign * _HELD_SPREAD)}) for sign in (1, -1))
                 sets += islice((item for item in moved if not item.physical_faults()), 1)
-        return sets
+        return tuple(sets)
 
     def at(self, theta: np.ndarray) -> FreeConstants:
         """This map with other start values θ (n,)."""

@@ -35,7 +35,7 @@ from typing import Literal
 
 import numpy as np
 
-from femu_piezo.measurement.rational_curve import RationalCurve
+from femu_piezo.measurement.rational_curve import rational_curve
 from femu_piezo.measurement.sweeps import SweepData, stacked
 from femu_piezo.threads import Once, made_once
 
@@ -58,9 +58,9 @@ _KEPT = 2000
 _PRODUCTS = 3 + 2 * len(SHARES)
 #: Share of the largest variance below which a component is left out.
 _NEGLIGIBLE = 1e-4
-#: Most terms of the rational function of a curve, its relative error, the share of C (median over the sweep) below
-#: which a pole is due to rounding, and the factor in f by which resonances may lie beyond the sweep.
-_TERMS, _EXACT, _VISIBLE, _BEYOND = 60, 1e-7, 1e-6, 1.5
+#: Share of C (median over the sweep) below which a pole of the rational function of a curve is due to rounding, and the
+#: factor in f by which resonances may lie beyond the sweep.
+_VISIBLE, _BEYOND = 1e-6, 1.5
 
 Form = Literal["smooth", "of every resonance", "a resonance of its own", "a step"]
 #: Prior probability of each form over that of a candidate cause. Errors of every resonance may stand for any cause that
@@ -128,9 +128,15 @@ class Alternatives:
         """These alternatives with other amounts (t',) of the factors; both share the kept products."""
         return replace(self, amounts=np.array(amounts))
 
+    def one_by_one(self) -> Iterator[Alternatives]:
+        """These alternatives with each factor alone, scaled as `of_size_one`; all share the kept products."""
+        for amounts in np.eye(len(self.factors)):
+            yield self.mixed(amounts).of_size_one()
+
     def of_size_one(self) -> Alternatives:
-        """These alternatives, of a single factor, scaled to rms 1 of Re and Im over their sweep."""
-        weight = np.abs(self.factors[0]) ** 2
+        """These alternatives, of which a single factor acts, scaled to rms 1 of Re and Im over their sweep."""
+        (acting,) = self._acting
+        weight = np.abs(self.factors[acting]) ** 2
         squares = np.abs(self.rows) ** 2 if self.pairs is None else np.einsum("nssk->nsk", self.pairs)
         power = np.sum(squares @ weight, axis=1) / self.points.size
         return replace(self, scale=1 / np.sqrt(power))
@@ -176,16 +182,17 @@ class Alternatives:
             whole = self._whole(sides.data, sides.share[among])
             return self._squares(sides), whole @ sides.vectors[among]
         acting, amounts = self._acting, self.amounts[self._acting]
-        along = sides.products.get(self._kept, lambda: self._along(sides))[:, acting] * amounts[:, None, None]
+        along = sides.products.get(self._kept, lambda: self._along(sides))[:, acting]
+        along = along * (self.scale[:, None] * amounts)[:, :, None, None]
         both = np.stack([along.real, -self.imaginary * along.imag], axis=1)
         return self._squares(sides), both.reshape(len(both), -1, along.shape[-1])
 
     def _along(self, sides: Sides) -> np.ndarray:
-        """Σ row · factor · v (n, t', s, p) over the points, of every factor, without its amount."""
+        """Σ row · factor · v (n, t', s, p) over the points, of every factor, without amounts and scale."""
         n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
         along = self.factors[:, :, None] * sides.turned[self.points]  # (t', k', p)
         along = self.rows.reshape(-1, self.points.size) @ along.transpose(1, 0, 2).reshape(self.points.size, -1)
-        return along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3) * self.scale[:, None, None, None]
+        return along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3)
 
     def along_axes(self, sides: Sides, squares: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Eigenvalues (2m,) of ΦᵗΦ (2m, 2m) of a single alternative, and its ΦᵗV (2m, p) along the eigenvectors.
@@ -225,7 +232,8 @@ class Alternatives:
         found = np.empty((n, 2, size, rows, 2, size, rows))
         for row, first in enumerate(self._acting):
             for column, second in enumerate(self._acting[: row + 1]):
-                block = self.amounts[first] * self.amounts[second] * self._product(sides, share, first, second)
+                amount = self.amounts[first] * self.amounts[second] * self.scale[:, None, None] ** 2
+                block = amount * self._product(sides, share, first, second)
                 for a, b in ((row, column), (column, row)):
                     found[:, 0, a, :, 0, b] = found[:, 1, a, :, 1, b] = block.real
                     found[:, 1, a, :, 0, b], found[:, 0, a, :, 1, b] = block.imag, -block.imag
@@ -235,14 +243,17 @@ class Alternatives:
         return found.reshape(n, 2 * size * rows, -1)
 
     def _product(self, sides: Sides, share: np.ndarray, first: int, second: int) -> np.ndarray:
-        """Σ conj(row · first) row · second (n, s, s) over the points, of two whitened factors without amounts; kept."""
+        """Σ conj(row · first) row · second (n, s, s) over the points, of two whitened factors; kept.
+
+        Without amounts and scale.
+        """
 
         def made() -> np.ndarray:
             weight = (sides.data.weight[self.points] * share[: self.points.size]) ** 2
             # |factor|² is real, without rounding
             factor = self.factors[first]
             across = np.abs(factor) ** 2 if first == second else factor.conj() * self.factors[second]
-            return self._weighted(across * weight) * self.scale[:, None, None] ** 2
+            return self._weighted(across * weight)
 
         return self._kept.get(("product", int(first), int(second), *self._key(sides)), made)
 
@@ -358,10 +369,9 @@ def of_one_resonance(
             places, rows, pairs = _kept_at_places(np.ascontiguousarray(frequency).tobytes(), quality)
         else:
             (places, rows), pairs = _resonances_at_places(frequency, quality), None
-        for factor in (1j * frequency * impedance[points], log_slope[points]):
-            unit = np.ones(places.size)
-            form = Alternatives("a resonance of its own", rows, factor[None], unit, 1.0, points, places, pairs=pairs)
-            yield form.of_size_one()
+        factors, unit = np.array([1j * frequency * impedance[points], log_slope[points]]), np.ones(places.size)
+        both = Alternatives("a resonance of its own", rows, factors, unit, 1.0, points, places, pairs=pairs)
+        yield from both.one_by_one()
 
 
 def of_one_step(data: SweepData, log_slope: np.ndarray) -> Iterator[Alternatives]:
@@ -371,10 +381,9 @@ def of_one_step(data: SweepData, log_slope: np.ndarray) -> Iterator[Alternatives
         stride = -(-points.size // _STEPS)
         first = np.arange(max(stride, _BESIDE), points.size - _BESIDE + 1, stride)
         rows = (np.arange(points.size) >= first[:, None]).astype(float)
-        for factor in (np.ones(points.size), log_slope[points]):
-            unit = np.ones(first.size)
-            form = Alternatives("a step", rows[:, None], factor[None], unit, 1.0, points, frequency[first])
-            yield form.of_size_one()
+        factors, unit = np.array([np.ones(points.size), log_slope[points]]), np.ones(first.size)
+        both = Alternatives("a step", rows[:, None], factors, unit, 1.0, points, frequency[first])
+        yield from both.one_by_one()
 
 
 def _resonances_at_places(frequency: np.ndarray, quality: float) -> tuple[np.ndarray, np.ndarray]:
@@ -431,7 +440,7 @@ def _resonances(frequency: np.ndarray, impedance: np.ndarray) -> tuple[np.ndarra
     """λ_k (m,) and r_k (m,) of a model's curve in and near its sweep, and C (k,) at its points."""
     square = (2 * np.pi * frequency) ** 2
     charge = 1 / (2j * np.pi * frequency * impedance)
-    poles, strengths = RationalCurve(frequency, impedance, _EXACT, _TERMS).poles
+    poles, strengths = rational_curve(frequency, impedance).poles
     near = (poles.real > square.min() / _BEYOND**2) & (poles.real < square.max() * _BEYOND**2)
     near &= np.abs(poles.imag) < 0.5 * np.abs(poles.real)
     near &= np.abs(strengths) > _VISIBLE * np.median(np.abs(charge)) * np.abs(poles)

@@ -62,12 +62,13 @@ def _least_moved(triangle: np.ndarray) -> np.ndarray:
 
     x is the dominant eigenvector of R⁻¹R⁻ᴴ, by repeated squaring. With s₁ < s₂ the least singular values of R, the
     direction of s₂ keeps a share (s₁/s₂)^(2·2^`_SQUARINGS`), which is large only where both serve equally well. The
-    largest eigenvalue is the one that grows, so no digits are lost.
+    largest eigenvalue is the one that grows, so no digits are lost; of a matrix of trace 1 it is 1/n or more, and no
+    power of it underflows.
     """
     inverse = _inverse(triangle)
     squared = inverse @ inverse.conj().transpose(0, 2, 1)
+    squared /= np.einsum("kii->k", squared).real[:, None, None]
     for _ in range(_SQUARINGS):
-        squared /= np.trace(squared, axis1=1, axis2=2).real[:, None, None]
         squared = squared @ squared
     most = np.argmax(np.einsum("kii->ki", squared).real, axis=1)
     found = squared[np.arange(len(squared)), :, most]

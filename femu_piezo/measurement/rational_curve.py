@@ -16,8 +16,11 @@ from scipy.interpolate import AAA
 
 from femu_piezo.measurement.spectrum import evenly
 from femu_piezo.resonances import Kind, Resonance
-from femu_piezo.threads import blas_limit, made_once
+from femu_piezo.threads import Once, blas_limit, made_once
 
+#: Relative error and most terms of the rational function of a model's curve that `rational_curve` keeps, and number of
+#: curves that are kept.
+_CLOSE, _TERMS, _CURVES = 1e-7, 60, 4
 #: Points of a curve that are taken, evenly over it, and relative error of its rational function.
 _POINTS, _EXACT = 400, 1e-13
 #: Share of the strongest resonance below which the terminals do not see one, and largest |Im λ| over Re λ of one.
@@ -99,6 +102,18 @@ class RationalCurve:
         found = shares @ values / np.sum(shares, axis=1)
         found[at] = values[which]
         return found
+
+
+def rational_curve(frequency: np.ndarray, impedance: np.ndarray) -> RationalCurve:
+    """The rational function, to 1e-7, through the curve Z (k,) ohm of a model at f (k,) Hz; kept for the latest curves.
+
+    A discrepancy and the standard figures of a specimen need that of the same curve.
+    """
+    key = np.ascontiguousarray(frequency).tobytes(), np.ascontiguousarray(impedance).tobytes()
+    return _latest.get(key, lambda: RationalCurve(frequency, impedance, _CLOSE, _TERMS))
+
+
+_latest = Once(latest=_CURVES)
 
 
 def visible(kind: Kind, values: np.ndarray, strengths: np.ndarray, band_Hz: float) -> tuple[Resonance, ...]:

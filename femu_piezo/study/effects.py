@@ -150,8 +150,10 @@ def model_with_effects(
 
     Raises InputError where no stable material has the constants that the effects leave.
     """
-    training = problem.free(problem.fitted).training_for_effects(problem.fitted)
-    training += _changed_constants(problem, known, np.array(band_Hz))
+    training = (
+        *problem.free(problem.fitted).training_for_effects(problem.fitted),
+        *_changed_constants(problem, known, np.array(band_Hz)),
+    )
     return extend_model(model, training, [effect for effect, _ in known], band_Hz[1], accuracy=accuracy)
 
 

@@ -206,7 +206,7 @@ class Posterior:
             noise_memory=tuple(one.noise_memory for one in several),
         )
 
-    def curve(self, index: int, fit_: Fit) -> np.ndarray:
+    def curve(self, index: int, fit_: Fit | ManyModes) -> np.ndarray:
         """Z (k,), ohm, of sweep number `index` over all its points, by a fit."""
         evaluation, unknowns, columns = self.whole_sweep(index, fit_)
         return evaluation.impedance(unknowns, fit_.x[columns])

@@ -17,7 +17,7 @@ from femu_piezo.geometry.shape import Shape, is_poled_across_field, is_poled_alo
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.measurement.rational_curve import RationalCurve
+from femu_piezo.measurement.rational_curve import RationalCurve, rational_curve
 from femu_piezo.resonances import Resonance
 from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.standards.figures import CurveFigures, StandardFigures, is_second_radial, read_curve, standard_figures
@@ -28,8 +28,6 @@ from femu_piezo.study.simulate import simulate
 #: Factor of the expected frequency within which a pair may be the thickness or shear mode, and its least k_eff; factor
 #: within which the lowest pair of a sweep is the fundamental of its body.
 _NEAR, _COUPLED, _LOWEST = 1.2, 0.15, 1.5
-#: Relative error of the rational function through a computed curve, far below what the figures resolve.
-_EXACT = 1e-9
 #: How far beyond the sweep a resonance of the model may lie.
 _BEYOND = 1.5
 #: Ratio of two dimensions from which a plate counts as wide.
@@ -64,7 +62,7 @@ def figures_of(
     """
     if not measured.holds_fundamental:
         return ()
-    model = RationalCurve(*curve, exact=_EXACT)
+    model = rational_curve(*curve)
     return tuple(_figures(measured, piece, pair, constants, model) for piece, pair in _modes_told(measured, constants))
 
 

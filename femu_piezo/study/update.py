@@ -251,7 +251,7 @@ def _outcome(
         measured=one,
         matched=matched_resonances(one, evaluation, unknowns, x),
         base_curve=_baseline_curve(evaluation, unknowns, posterior.problem.free(base)),
-        updated_curve=evaluation.impedance(unknowns, x),
+        updated_curve=_curve(posterior, index, found),
         history=history,
         to_sensitivity=partial(sensitivity_with_effects, one.problem.specimen.name, evaluation, unknowns, x),
         unknowns=model.size,
@@ -259,6 +259,13 @@ def _outcome(
         constants=constants_under(unknowns, x),
         noise_memory=posterior.several[index].noise_memory,
     )
+
+
+def _curve(posterior: Posterior, index: int, found: Fit | ManyModes) -> np.ndarray:
+    """Z (k,) of one sweep at the solution, ohm: that of the fit where it saw the whole sweep."""
+    if isinstance(found, Fit) and found.impedance is not None and np.all(posterior.several[index].fitted):
+        return found.impedance[found.data.sweeps[index]]
+    return posterior.curve(index, found)
 
 
 def _baseline_curve(evaluation, own: Unknowns, free) -> np.ndarray:
