@@ -15,6 +15,8 @@ from femu_piezo.units import hertz
 
 #: Most points at which the rest of Y is fitted, and share of |Y| below which an element of it is dropped.
 _POINTS, _SMALL = 400, 1e-9
+#: Share of the direct current of the branches that stays, so that rounding makes no circuit a source.
+_STAYS = 1e-6
 #: Relative misfit beyond which a note says why, and rms beyond which elements that are not passive follow the rest:
 #: constant loss tangents alone cause (2/π) tan δ per e-fold, 2 % for a soft ceramic over a decade.
 _MISSED, _PASSIVE = 1e-3, 0.02
@@ -49,6 +51,10 @@ class Static:
             return np.full(omega.shape, 1 / self.values["R"], dtype=complex)
         capacitance = 1 / (s * self.values["C"])
         return 1 / (capacitance + self.values.get("R", 0.0) + s * self.values.get("L", 0.0))
+
+
+#: A resistor of 1 ohm.
+_OHM = Static("R", {"R": 1.0})
 
 
 @dataclass(frozen=True)
@@ -143,7 +149,8 @@ def fit_circuit(
 
     The branches keep their residues. The rest is smooth and is followed by a capacitor, relaxations (R and C in series)
     and lossless modes outside the sweep, all of them nonnegative, and by a resistor, which is negative where it takes
-    back the direct current through the Rp of the branches; by least squares relative to |Y| (nonnegative: Lawson and
+    back the direct current through the Rp of the branches, but no more than that: a circuit that gives direct current
+    is a source, and its voltage grows with open terminals; by least squares relative to |Y| (nonnegative: Lawson and
     Hanson 1974). A circuit of R, L and C is causal, so that its C falls by (2/π) tan δ per e-fold of
     frequency (Kramers and Kronig), which a model of constant complex moduli does not do: over a wide band they differ
     by that. Where the rms misfit is larger (`_PASSIVE`), as for a sweep that no passive body has, a capacitor, a
@@ -184,10 +191,23 @@ def _rest(
     matrix = np.array([unit.admittance(omega) * weight for unit in units]).T
     size = np.linalg.norm(matrix, axis=0)
     rows, right = np.vstack([matrix.real, matrix.imag]) / size, np.concatenate([remainder.real, remainder.imag])
-    if signed:
-        amounts = np.linalg.lstsq(rows, right, rcond=None)[0] / size
-    else:
-        amounts = nnls(rows, right, maxiter=100 * len(units))[0] / size
+    resistor, others = units.index(_OHM), np.flatnonzero([unit.kind != "R" for unit in units])
+
+    def fitted(which: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Amounts of some of the units, 0 of the others."""
+        found = np.zeros(len(units))
+        if signed:
+            found[which] = np.linalg.lstsq(rows[:, which], right, rcond=None)[0]
+        else:
+            found[which] = nnls(rows[:, which], right, maxiter=100 * len(units))[0]
+        return found / size
+
+    amounts = fitted(np.arange(len(units)), right)
+    direct = sum(1 / (one.elements["R"] + one.elements["Rp"]) for one in branches)
+    least = _STAYS * abs(direct) - direct
+    if sum(amount / unit.values["R"] for amount, unit in zip(amounts, units, strict=True) if unit.kind == "R") < least:
+        amounts = fitted(others, right - least * size[resistor] * rows[:, resistor])  # the misfit is convex
+        amounts[resistor] = least
     shares = np.max(np.abs(matrix / weight[:, None] / y[:, None]), axis=0) * np.abs(amounts)
     return tuple(_scaled(unit, n) for unit, n, share in zip(units, amounts, shares, strict=True) if share > _SMALL)
 
@@ -199,7 +219,7 @@ def _broad(omega: np.ndarray, count: int) -> list[Static]:
     widths = places * float(places[1] / places[0] - 1)
     return [
         Static("C", {"C": 1.0}),
-        Static("R", {"R": 1.0}),
+        _OHM,
         *(
             Static("RLC", {"L": 1.0, "R": float(2 * width), "C": float(1 / (place**2 + width**2))})
             for place, width in zip(places, widths, strict=True)
@@ -221,7 +241,7 @@ def _dictionary(omega: np.ndarray) -> list[Static]:
     outside = [high * factor for factor in _OUTSIDE] + [low / factor for factor in _OUTSIDE]
     return [
         Static("C", {"C": 1.0}),
-        Static("R", {"R": 1.0}),
+        _OHM,
         *(Static("RC", {"R": float(1 / corner), "C": 1.0}) for corner in corners),
         *(Static("LC", {"L": float(1 / place**2), "C": 1.0}) for place in outside),
     ]

@@ -141,17 +141,24 @@ def test_a_specimen_gives_the_circuit_of_its_model(tmp_path):
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.01])
-def test_direct_current_is_cancelled_where_branches_carry_one(loss):
-    """Branches without loss have no Rp, and a resistor of either sign then follows the rest of the curve alone."""
+@pytest.mark.parametrize("excess", [0.0, 1.3])
+def test_direct_current_of_branches_is_cancelled_but_no_more(loss, excess):
+    """A negative resistor takes back what the Rp of branches carry, and makes no source of a curve that asks for one."""
     poles = 2 * np.pi * np.array([35.02e3, 103.02e3]) * 1j * np.sqrt(1 + 1j * loss)
     branches = [Branch(complex(pole), complex(residue, 0.0), {}) for pole, residue in zip(poles, (17, 16), strict=True)]
     omega = 2 * np.pi * FREQUENCY
     direct = sum(one.section(np.zeros(1))[0].real for one in branches)
-    rest = 1j * omega * 3e-9 - (direct or 1 / 3e7)
+    rest = 1j * omega * 3e-9 - direct - excess * (direct or 1 / 3e7)
     found = fit_circuit("plate", branches, FREQUENCY, 1 / (sum(one.section(omega) for one in branches) + rest))
     assert all(np.isfinite(one.elements["Rp"]) == (loss > 0) for one in found.branches)
-    assert any(one.kind == "R" and one.values["R"] < 0 for one in found.static)
+    assert any(one.kind == "R" and one.values["R"] < 0 for one in found.static) == (loss > 0)
     assert any("negative resistor" in note for note in found.notes) == (loss > 0)
+    assert 0 <= found.admittance(np.array([1e-9]))[0].real <= 1e-5 * direct
+
+
+def test_the_circuit_is_passive_at_every_frequency(circuit):
+    """Re Y ≥ 0, also far outside the sweep; else it oscillates or grows with open terminals (positive-real Y)."""
+    assert np.all(circuit.admittance(2 * np.pi * np.geomspace(1e-3, 1e9, 20001)).real >= 0)
 
 
 def test_files(circuit, bar, tmp_path):
