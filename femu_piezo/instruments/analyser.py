@@ -321,7 +321,7 @@ class Session:
             self._resource = _resources().open_resource(
                 self.address, read_termination="\n", write_termination="\n", timeout=1000 * self._timeout
             )
-        except (self._visa.Error, ValueError, OSError) as error:
+        except Exception as error:  # pyvisa-py raises bare exceptions for a host or a port that there is not
             is_address = "::" in self.address
             why = _words(error) if is_address else "a VISA address is such as TCPIP::192.168.0.7::5025::SOCKET"
             raise self._unreachable(why) from None

@@ -2,7 +2,7 @@
 
 Each figure comes with the value of the finite element model where there is one. The formulas take one dimension of the
 body as infinite or as negligible; `formula_error` is the error of that for this piece: of the formula applied to the
-curve of the finite element model, relative to the constants from which that curve was computed.
+curve of finite elements with the dimensions of the formula and no circuit, relative to the constants of that curve.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from femu_piezo.units import hertz
 
 #: Frequency at which data sheets state capacitance and loss, Hz.
 STATED = 1e3
+#: Relative error of a formula below which it is right.
+_RIGHT = 1e-5
 #: Share of fs below which a body is taken as a free capacitor.
 _LOW = 0.1
 #: Loss of pole or zero below which a computed curve is taken as lossless.
@@ -142,7 +144,7 @@ class StandardFigures:
     @property
     def formula_words(self) -> str | None:
         """What the formulas get wrong for this piece, as a sentence; None without a model or a formula."""
-        wrong = [one for one in self.figures if one.formula_error is not None]
+        wrong = [one for one in self.figures if abs(one.formula_error or 0.0) > _RIGHT]
         if not wrong:
             return None
         ratio = f" ({self.aspect[0]} = {self.aspect[1]:.3g})" if self.aspect else ""
@@ -237,6 +239,7 @@ def standard_figures(
     zero: Resonance,
     model: CurveFigures | None = None,
     constants: PiezoConstants | None = None,
+    body: CurveFigures | None = None,
 ) -> StandardFigures:
     """The figures of a sweep together with those of a finite element model.
 
@@ -245,7 +248,9 @@ def standard_figures(
     measured, model : of the measured and of the computed curve; None where there is no computed one
     pole, zero : measured; the frequencies have their standard deviations, to first order in the loss
     constants : of the material, from which the curve of the model was computed
+    body : of a curve with these constants of the body alone, as the formulas take it; `model` where None
     """
+    body = body or model
     material = {} if constants is None else material_figures(constants)
     deviations = _deviations(measured, pole, zero)
     names = [*measured.values, *(name for name in (model.values if model else {}) if name not in measured.values)]
@@ -255,8 +260,9 @@ def standard_figures(
         has_formula = name in by_formula and name in material
         computed = None if model is None else model.values.get(name)
         # a σ that is taken from the material has no error of a formula
-        has_error = has_formula and computed is not None and material[name] and computed != material[name]
-        error = computed / material[name] - 1 if has_error else None
+        alone = None if body is None else body.values.get(name)
+        has_error = has_formula and alone is not None and material[name] and alone != material[name]
+        error = alone / material[name] - 1 if has_error else None
         reference = material[name] if has_formula else computed
         value, std = measured.values.get(name), deviations.get(name)
         figures.append(Figure(name, *MEANING[name], value, std, reference, error))

@@ -37,6 +37,7 @@ from femu_piezo.study.simulate import sweep_frequencies
 from femu_piezo.study.subjects import subjects
 from femu_piezo.study.update import with_probable_discrepancy
 from femu_piezo.threads import with_blas_limit
+from femu_piezo.units import hertz
 
 #: Points of a round, while resonances are located and afterwards.
 _LOCATING, _REFINING = 8, 16
@@ -116,7 +117,10 @@ class Adapted:
 
     @property
     def sentence(self) -> str:
-        """What ended the measurement, and the least coupling of a further mode that would have shown."""
+        """What ended the measurement, and the least coupling of a further mode that would have shown.
+
+        Where points depart from the model, the places where they do instead.
+        """
         last, count = self.states[-1], len(self.spectrum)
         two = last.rivals
         first, second = (two.first, two.second) if two else ("", "")
@@ -128,7 +132,11 @@ class Adapted:
             "time": "the time is over",
             "tolerances": "more points would not reach the requested deviations: see the tolerances in budget.png",
         }
-        seen = f"any further mode with k_eff above {100 * last.least_coupling:.2g} % would have been visible"
+        if last.departures:
+            places = ", ".join(hertz(frequency) for frequency in last.departures[:5])
+            seen = f"the points depart from the model near {places} Hz: check that the piece is that of the file"
+        else:
+            seen = f"any further mode with k_eff above {100 * last.least_coupling:.2g} % would have been visible"
         return f"{count} points: {why[self.ended]}; {seen}"
 
     def to_json(self) -> dict:

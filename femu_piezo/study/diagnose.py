@@ -16,6 +16,7 @@ from femu_piezo.effects.library import FREE, REFERENCE, TEMPERATURE, Maker
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
+from femu_piezo.forward.modal import ModalModel
 from femu_piezo.inference.budget import constants_of
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.held_out import misfit_of_unseen
@@ -35,7 +36,7 @@ from femu_piezo.study.problem import refuse_nothing_free
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.results import mesh_words, rms
 from femu_piezo.study.shapes import electrode_notes
-from femu_piezo.study.standard_figures import figures_of
+from femu_piezo.study.standard_figures import body_alone, figures_of
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, subjects
 from femu_piezo.study.temperature import COEFFICIENTS, constants_under
 from femu_piezo.threads import in_parallel, made_once, with_blas_limit
@@ -60,6 +61,7 @@ class DiagnosedSweep:
     mesh : the mesh of the model and its error, in words
     measured : the sweep with its poles and zeros
     constants : of the final model under the conditions of this sweep
+    body : these constants on the body of the file, without causes and tolerances (`body_alone`)
     """
 
     specimen: Specimen
@@ -72,6 +74,7 @@ class DiagnosedSweep:
     mesh: str
     measured: Measured
     constants: PiezoConstants
+    body: ModalModel = field(repr=False)
 
     @made_once
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
@@ -84,7 +87,7 @@ class DiagnosedSweep:
     @made_once
     def figures(self) -> tuple[StandardFigures, ...]:
         """Standard figures of the sweep, one for each mode that the standards know, beside those of the final model."""
-        return figures_of(self.measured, self.constants, (self.spectrum.frequency, self.curves[1]))
+        return figures_of(self.measured, self.constants, (self.spectrum.frequency, self.curves[1]), self.body)
 
     @made_once
     def linear_body(self) -> LinearBody | None:
@@ -261,6 +264,7 @@ def diagnose(
             mesh=mesh_words(posterior.full[index], posterior.models[index]),
             measured=one.measured,
             constants=_constants_under(posterior, index, comparison.final),
+            body=body_alone(posterior, index, comparison.final),
         )
         for index, one in enumerate(several)
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from femu_piezo.effects.extended_model import ExtendedModel
+from femu_piezo.forward.modal import ModalModel
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.identifiability import Identifiability
@@ -61,6 +62,7 @@ class Outcome:
     unknowns : number of those of the full model;  mesh : description of its mesh and of the reduced model
     constants : the ten constants under the conditions of this sweep
     noise_memory : autoregression of the errors of neighbouring points
+    body : the constants on the body of the file, without what else was fitted (`body_alone`)
     """
 
     measured: Measured
@@ -72,6 +74,7 @@ class Outcome:
     unknowns: int
     mesh: str
     constants: PiezoConstants
+    body: ModalModel = field(repr=False)
     noise_memory: Autoregression = WHITE
 
     @made_once
@@ -134,7 +137,7 @@ class UpdateResult:
     def figures(self) -> tuple[tuple[StandardFigures, ...], ...]:
         """Standard figures of each specimen, one for each mode that the standards know; see `standard_figures`."""
         return tuple(
-            figures_of(one.measured, one.constants, (one.measured.spectrum.frequency, one.updated_curve))
+            figures_of(one.measured, one.constants, (one.measured.spectrum.frequency, one.updated_curve), one.body)
             for one in self.outcomes
         )
 

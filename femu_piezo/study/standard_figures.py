@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from femu_piezo.extraction.roots import Pair
+from femu_piezo.forward.modal import ModalModel
 from femu_piezo.forward.thin_limits import (
     NARROW_RING,
     thin_bar_frequency,
@@ -16,14 +17,20 @@ from femu_piezo.forward.thin_limits import (
 from femu_piezo.geometry.shape import Shape, is_poled_across_field, is_poled_along_field
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Slab
+from femu_piezo.inference.fit import Fit
+from femu_piezo.inference.starts.many_modes import ManyModes
+from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.rational_curve import RationalCurve, rational_curve
 from femu_piezo.resonances import Resonance
 from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.standards.figures import CurveFigures, StandardFigures, is_second_radial, read_curve, standard_figures
+from femu_piezo.standards.frequencies import Admittance
 from femu_piezo.standards.piece import Piece, material_figures
 from femu_piezo.study.measured import Measured, Sweep, measure
-from femu_piezo.study.simulate import simulate
+from femu_piezo.study.posterior import Posterior
+from femu_piezo.study.simulate import simulate, visible_resonances
+from femu_piezo.study.temperature import constants_under
 
 #: Factor of the expected frequency within which a pair may be the thickness or shear mode, and its least k_eff; factor
 #: within which the lowest pair of a sweep is the fundamental of its body.
@@ -49,7 +56,10 @@ def figures_of_specimen(specimen: Specimen, spectrum: Sweep | None = None) -> tu
 
 
 def figures_of(
-    measured: Measured, constants: PiezoConstants, curve: tuple[np.ndarray, np.ndarray]
+    measured: Measured,
+    constants: PiezoConstants,
+    curve: tuple[np.ndarray, np.ndarray],
+    body: ModalModel | None = None,
 ) -> tuple[StandardFigures, ...]:
     """The figures of a sweep beside those of a computed curve.
 
@@ -57,36 +67,67 @@ def figures_of(
     ----------
     constants : from which the curve was computed
     curve : frequencies (k,) Hz and impedances (k,) ohm without noise
+    body : of the constants on the body of the file (`body_alone`); None where the curve itself is that
 
     Empty where the sweep does not hold the fundamental.
     """
     if not measured.holds_fundamental:
         return ()
     model = rational_curve(*curve)
-    return tuple(_figures(measured, piece, pair, constants, model) for piece, pair in _modes_told(measured, constants))
+    return tuple(
+        _figures(measured, piece, pair, constants, model, body) for piece, pair in _modes_told(measured, constants)
+    )
+
+
+def body_alone(posterior: Posterior, index: int, found: Fit | ManyModes) -> ModalModel:
+    """Closed forms of the constants found for sweep number `index` on the body that its file describes.
+
+    Without tolerances, causes and circuits, which a fit has found as well and which are no errors of a formula.
+    """
+    evaluation, own, columns = posterior.whole_sweep(index, found)
+    free = posterior.several[index].problem.free(constants_under(own, found.x[columns]))
+    material = MaterialParameters.around(free, free.start)
+    alone = Unknowns(material, material_prior(free, {}, {}))
+    return evaluation.modal(alone, material.x_of(free.start))
 
 
 def _figures(
-    measured: Measured, piece: Piece, pair: Pair, constants: PiezoConstants, model: RationalCurve
+    measured: Measured,
+    piece: Piece,
+    pair: Pair,
+    constants: PiezoConstants,
+    model: RationalCurve,
+    body: ModalModel | None,
 ) -> StandardFigures:
     spectrum, extraction = measured.spectrum, measured.extraction
     overtone = _second_radial(pair.pole, [one.pole for one in extraction.pairs])
     points = (spectrum.frequency, spectrum.impedance)
     noise = measured.relative_noise_of(spectrum)
     read = read_curve(extraction.model.admittance, points, pair.pole, pair.zero, piece, overtone, noise)
-    found = standard_figures(piece, read, pair.pole, pair.zero, _model_figures(model, piece, pair), constants)
+    band = _BEYOND * float(model.frequency[-1])
+    resonances = model.resonances("pole", band), model.resonances("zero", band)
+    computed = _figures_near(pair, piece, model.admittance, (model.frequency, model.impedance), *resonances)
+    alone = None
+    if body is not None:
+        curve = model.frequency, body.impedance(2 * np.pi * model.frequency)
+        alone = _figures_near(pair, piece, body.admittance, curve, *visible_resonances(body, band))
+    found = standard_figures(piece, read, pair.pole, pair.zero, computed, constants, alone)
     return found.with_coupling_std(pair.std_k_eff)
 
 
-def _model_figures(curve: RationalCurve, piece: Piece, pair: Pair) -> CurveFigures | None:
-    """The figures of the mode nearest to a measured pair; None where the curve does not hold it."""
-    band = _BEYOND * float(curve.frequency[-1])
-    poles, zeros = curve.resonances("pole", band), curve.resonances("zero", band)
+def _figures_near(
+    pair: Pair,
+    piece: Piece,
+    admittance: Admittance,
+    points: tuple[np.ndarray, np.ndarray],
+    poles: Sequence[Resonance],
+    zeros: Sequence[Resonance],
+) -> CurveFigures | None:
+    """The figures of the mode of a computed curve nearest to a measured pair; None where the curve does not hold it."""
     if not poles or not zeros:
         return None
     pole, zero = _nearest(poles, pair.pole), _nearest(zeros, pair.zero)
-    points = (curve.frequency, curve.impedance)
-    return read_curve(curve.admittance, points, pole, zero, piece, _second_radial(pole, poles))
+    return read_curve(admittance, points, pole, zero, piece, _second_radial(pole, poles))
 
 
 def _nearest(several: Sequence[Resonance], one: Resonance) -> Resonance:

@@ -29,6 +29,7 @@ from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
+from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.specimen.file import Specimen, Update
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.effects import has_effects
@@ -39,8 +40,9 @@ from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.problem import refuse_nothing_free
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.resonances_with_effects import matched_resonances, sensitivity_with_effects
-from femu_piezo.study.results import Outcome, UpdateResult, mesh_words
+from femu_piezo.study.results import Outcome, UpdateResult, mesh_words, rms_log_error
 from femu_piezo.study.shapes import electrode_notes
+from femu_piezo.study.standard_figures import body_alone
 from femu_piezo.study.starts import pair_names
 from femu_piezo.study.subjects import Subject, subjects
 from femu_piezo.study.temperature import constants_under, temperature_series
@@ -257,6 +259,7 @@ def _outcome(
         unknowns=model.size,
         mesh=mesh_words(model, posterior.models[index]),
         constants=constants_under(unknowns, x),
+        body=body_alone(posterior, index, found),
         noise_memory=posterior.several[index].noise_memory,
     )
 
@@ -353,6 +356,18 @@ def _notes(
     return tuple(notes)
 
 
+def _size_words(curve: np.ndarray, data: np.ndarray, discrepancy: Discrepancy) -> str:
+    """The size of a discrepancy, and what of it remains where constants and tolerances make up for most.
+
+    curve, data : (k,) Z of the fit and of the sweeps, ohm
+    """
+    told = f"about {discrepancy.sigma:.1g} of |Z| (rms)"
+    remains = rms_log_error(curve, data) / np.sqrt(2)
+    if remains > 0.5 * discrepancy.sigma:
+        return told
+    return f"{told}, of which the fit leaves {remains:.1g}"
+
+
 def _fit_notes(found: Fit) -> list[str]:
     notes = contradictions(found)
     if found.on_bound:
@@ -363,10 +378,11 @@ def _fit_notes(found: Fit) -> list[str]:
             of_each = zip(effect.parameters, values, std, strict=True)
             told = ", ".join(f"{p.name} = {quantity(p, float(value), float(sigma))}" for p, value, sigma in of_each)
             notes.append(f"{effect.title}, which the file leaves free, was fitted together with the constants: {told}")
-    if found.discrepancy is not None:
+    if found.discrepancy is not None and found.impedance is not None:
+        size = _size_words(found.impedance, found.data.impedance, found.discrepancy)
         notes.append(
-            f"the model differs from the sweep by {found.discrepancy}, about {found.discrepancy.sigma:.1g} of |Z| "
-            "(rms), which the standard deviations take into account; `femu-piezo diagnose` looks for its cause"
+            f"the model is off by {found.discrepancy}, {size}; the standard deviations count that, and "
+            "`femu-piezo diagnose` looks for its cause"
         )
     if found.data.noise_known and found.noise_scale > _LOUD:
         notes.append(

@@ -143,7 +143,7 @@ def test_a_specimen_gives_the_circuit_of_its_model(tmp_path):
 @pytest.mark.parametrize("loss", [0.0, 0.01])
 @pytest.mark.parametrize("excess", [0.0, 1.3])
 def test_direct_current_of_branches_is_cancelled_but_no_more(loss, excess):
-    """A negative resistor takes back what the Rp of branches carry, and makes no source of a curve that asks for one."""
+    """A negative resistor takes back what the Rp of branches carry; a curve that asks for more gets no source."""
     poles = 2 * np.pi * np.array([35.02e3, 103.02e3]) * 1j * np.sqrt(1 + 1j * loss)
     branches = [Branch(complex(pole), complex(residue, 0.0), {}) for pole, residue in zip(poles, (17, 16), strict=True)]
     omega = 2 * np.pi * FREQUENCY

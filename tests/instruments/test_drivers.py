@@ -99,8 +99,9 @@ def test_a_bias_within_the_limits_is_switched_on_and_off(bench):
 
 
 def test_an_unknown_instrument_and_an_address_with_none(bench, monkeypatch):
-    with pytest.raises(InstrumentError, match="cannot be reached"):
-        connect("TCPIP::127.0.0.1::1::SOCKET", LIMITS, FAST)
+    for place in ("127.0.0.1::1", "nowhere.invalid::5025", "127.0.0.1::99999", "127.0.0.1::abc"):
+        with pytest.raises(InstrumentError, match="cannot be reached"):
+            connect(f"TCPIP::{place}::SOCKET", LIMITS, FAST)
     with pytest.raises(InstrumentError, match=r"cannot be reached \(a VISA address is such as TCPIP"):
         connect("nonsense", LIMITS, FAST)
     monkeypatch.setattr("femu_piezo.instruments.connect.DRIVERS", DRIVERS[1:])

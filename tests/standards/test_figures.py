@@ -313,6 +313,28 @@ def plates(tmp_path_factory):
     return found
 
 
+def test_a_width_that_is_off_is_no_error_of_a_formula(tmp_path):
+    """The fit of an exact bar 3 % wider than its file moves the width; ε33T by the formula is still right."""
+    losses = "".join(f"tan_{name} = {0.015}\n" for name in ("s11", "d31", "eps33T"))
+    sizes = 'length = "40 mm"\nwidth = "1 mm"\nstd_width = "0.03 mm"\nthickness = "0.5 mm"\ndensity = 7500.0\n'
+    (tmp_path / "bar.toml").write_text(
+        f'name = "bar"\n[geometry]\nshape = "plate"\npoling = "thickness"\n{sizes}[material]\nbase = "pzt-5h"\n{losses}'
+        'free = ["s11", "d31"]\n[measurement]\nfile = "sweep.csv"\n',
+        encoding="utf-8",
+    )
+    given = prepare(fp.read_specimen(tmp_path / "bar.toml"), check=False).constants
+    frequency, rng = np.linspace(5e3, 60e3, 401), np.random.default_rng(5)
+    size = (40e-3, 1.03 * 1e-3, 0.5e-3)
+    z = k31_bar.impedance(2 * np.pi * frequency, size, 7500.0, given.s11, given.d31, given.eps33T)
+    z = z * (1 + 1e-3 * (rng.normal(size=z.size) + 1j * rng.normal(size=z.size)) / np.sqrt(2))
+    write_spectrum(ImpedanceSpectrum.from_impedance(frequency, z), tmp_path / "sweep.csv")
+    result = fp.update(tmp_path / "bar.toml")
+    effects = zip(result.fit.parameters.effects, result.fit.parameters.values(result.fit.x), strict=True)
+    width = next(float(values[0]) for effect, values in effects if effect.name == "wrong_width")
+    figure = result.figures[0][0]["eps33T"]
+    assert width > 0.005 and abs(figure.formula_error) < 1e-4 < abs(figure.deviation)
+
+
 def test_a_sweep_above_the_fundamental_has_no_figures_of_a_bar(tmp_path):
     """Its lowest mode is the third one, whose frequencies are known and of which the formulas of a bar say nothing."""
     (tmp_path / "plate.toml").write_text(PLATE.format(width="3 mm"), encoding="utf-8")

@@ -69,6 +69,7 @@ def test_it_ends_when_more_points_would_not_help(drawn, specimen, bases):
     found = adapt(specimen, Bench(drawn), wish, bases=bases)
     assert found.ended == "tolerances" and len(found.spectrum) < 400
     assert found.states[-1].deviations["s11"] > 1e-3 and "tolerances" in found.sentence
+    assert found.sentence.endswith("would have been visible") == (not found.states[-1].departures)
 
 
 def test_an_interrupted_measurement_is_resumed(drawn, specimen, bases):
