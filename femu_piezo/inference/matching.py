@@ -14,19 +14,23 @@ from femu_piezo.resonances import Resonance
 _STRENGTH_COST = 0.05
 
 
-def match(measured: Sequence[Resonance], eigenvalues: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
+def match(
+    measured: Sequence[Resonance], eigenvalues: np.ndarray, amplitudes: np.ndarray, farthest: float | None = None
+) -> np.ndarray:
     """Index (k,) of the model mode of each measured resonance, one to one; λ and amplitudes a of the model (m,).
 
     Minimises Σ |log λ_model/λ_measured| + 0.05 |log strength ratio| over all assignments, where the strength
     |a²/λ| is relative to the strongest of each side; measured strengths come from the residues where known.
 
-    Raises ConvergenceError where the model has fewer driven modes than were measured.
+    farthest : summand above which a resonance has no mode, −1 in the result; where None, each has one
+
+    Raises ConvergenceError where each has to have one and the model has fewer driven modes than were measured.
     """
     if not measured:
         return np.zeros(0, dtype=int)
     strength = np.abs(amplitudes**2 / eigenvalues)
     usable = np.flatnonzero((eigenvalues.real > 0) & (strength > 1e-9 * strength.max()))
-    if usable.size < len(measured):
+    if usable.size < len(measured) and farthest is None:
         raise ConvergenceError(
             f"the model has {usable.size} driven modes in the band where {len(measured)} were measured: the sweep "
             "shows modes this symmetric plate does not have; check shape, electrodes and dimensions"
@@ -41,5 +45,7 @@ def match(measured: Sequence[Resonance], eigenvalues: np.ndarray, amplitudes: np
             weight -= np.log(data)
         model = np.log(strength[usable])
         distance += _STRENGTH_COST * np.abs((model - model.max())[None, :] - (weight - weight.max())[:, None])
-    rows, columns = linear_sum_assignment(distance)
-    return usable[columns[np.argsort(rows)]]
+    if farthest is not None:
+        distance = np.hstack([distance, np.full((len(measured), len(measured)), farthest)])
+    usable = np.append(usable, np.full(len(measured), -1))
+    return usable[linear_sum_assignment(distance)[1]]

@@ -226,17 +226,25 @@ def _resonances(outcome: Outcome, index: int) -> str:
     for data, model in outcome.matched:
         key = f"specimens.{index}.{data.kind}s.{counts[data.kind]}"
         counts[data.kind] += 1
-        difference = model.frequency_Hz - data.frequency_Hz
-        loss = model.loss - data.loss
+        frequency: tuple[Cell | str, str] = ("not there", "")
+        losses: tuple[Cell | str, str] = ("", "")
+        if model is not None:
+            difference, loss = model.frequency_Hz - data.frequency_Hz, model.loss - data.loss
+            frequency = (
+                Cell(f"{model.frequency_Hz:.2f}", f"{key}.model.frequency_Hz", model.frequency_Hz),
+                f"{signed(1e6 * difference / data.frequency_Hz, '.1f')} ppm{_in_sigma(difference, data.std_Hz)}",
+            )
+            losses = (
+                Cell(f"{model.loss:.6f}", f"{key}.model.loss", model.loss),
+                f"{signed(100 * loss / data.loss, '.2f')} %{_in_sigma(loss, data.std_loss)}",
+            )
         rows.append(
             (
                 data.kind,
                 Cell(number(data.frequency_Hz, data.std_Hz), f"{key}.measured.frequency_Hz", data.frequency_Hz),
-                Cell(f"{model.frequency_Hz:.2f}", f"{key}.model.frequency_Hz", model.frequency_Hz),
-                f"{signed(1e6 * difference / data.frequency_Hz, '.1f')} ppm{_in_sigma(difference, data.std_Hz)}",
+                *frequency,
                 Cell(number(data.loss, data.std_loss), f"{key}.measured.loss", data.loss),
-                Cell(f"{model.loss:.6f}", f"{key}.model.loss", model.loss),
-                f"{signed(100 * loss / data.loss, '.2f')} %{_in_sigma(loss, data.std_loss)}",
+                *losses,
                 f"{data.quality_factor:.4g}",
             )
         )

@@ -191,9 +191,9 @@ def _resonance_table(outcome: Outcome) -> Table:
         table.add_row(
             measured.kind,
             number(measured.frequency_Hz, measured.std_Hz),
-            f"{model.frequency_Hz:.2f}",
+            "not there" if model is None else f"{model.frequency_Hz:.2f}",
             number(measured.loss, measured.std_loss),
-            f"{model.loss:.6f}",
+            "" if model is None else f"{model.loss:.6f}",
         )
     return table
 

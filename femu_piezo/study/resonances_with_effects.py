@@ -4,44 +4,36 @@ from __future__ import annotations
 
 import numpy as np
 
-from femu_piezo.errors import ConvergenceError
-from femu_piezo.forward.fundamental import dominant_index
 from femu_piezo.inference.matching import match
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sensitivity import Sensitivity
 from femu_piezo.inference.terminal_roots import terminal_roots
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM
-from femu_piezo.resonances import Resonance
+from femu_piezo.resonances import Kind, Resonance
 from femu_piezo.study.measured import Measured
+
+#: Difference of log λ, a quarter of a frequency, beyond which a mode of the model is not that which was measured.
+_FARTHEST = 0.5
 
 
 def matched_resonances(
     one: Measured, evaluation: Evaluation, unknowns: Unknowns, x: np.ndarray
-) -> tuple[tuple[Resonance, Resonance], ...]:
-    """Every extracted resonance with the model's at x (n_x,); only the fundamental where the model has fewer modes.
-
-    Nothing where it has fewer and the sweep does not hold the fundamental.
-    """
+) -> tuple[tuple[Resonance, Resonance | None], ...]:
+    """Every extracted resonance with the model's at x (n_x,); None where the model has none near it."""
     found, modal = one.extraction.resonances, evaluation.modal(unknowns, x)
-    kinds = (
-        ("pole", found.poles, modal.eigenvalues, modal.charges, one.pair.pole),
-        ("zero", found.zeros, modal.zeros[0], modal.zero_amplitudes, one.pair.zero),
+    kinds: tuple[tuple[Kind, tuple[Resonance, ...], np.ndarray, np.ndarray], ...] = (
+        ("pole", found.poles, modal.eigenvalues, modal.charges),
+        ("zero", found.zeros, modal.zeros[0], modal.zero_amplitudes),
     )
-    try:
-        pairs = [(kind, data, values[match(data, values, amplitudes)]) for kind, data, values, amplitudes, _ in kinds]
-    except ConvergenceError:
-        if not one.holds_fundamental:
-            return ()
-        near = one.pair.pole.frequency_Hz
-        pairs = [
-            (kind, (data,), values[[dominant_index(values, amplitudes, near)]])
-            for kind, _, values, amplitudes, data in kinds
-        ]
-    result, impedance = [], evaluation.terminals(unknowns, x, modal)
-    for kind, data, values in pairs:
-        roots = terminal_roots(impedance, kind, np.sqrt(values + 0j), data)
-        result += [(r, Resonance(kind, complex(root**2))) for r, root in zip(data, roots, strict=True)]
+    result: list[tuple[Resonance, Resonance | None]] = []
+    impedance = evaluation.terminals(unknowns, x, modal)
+    for kind, data, values, amplitudes in kinds:
+        modes = match(data, values, amplitudes, _FARTHEST)
+        there = [resonance for resonance, mode in zip(data, modes, strict=True) if mode >= 0]
+        roots = iter(terminal_roots(impedance, kind, np.sqrt(values[modes[modes >= 0]] + 0j), there))
+        for resonance, mode in zip(data, modes, strict=True):
+            result.append((resonance, Resonance(kind, complex(next(roots) ** 2)) if mode >= 0 else None))
     return tuple(result)
 
 

@@ -55,7 +55,7 @@ class Outcome:
 
     Attributes
     ----------
-    matched : (measured, simulated) resonances, poles then zeros
+    matched : (measured, simulated) resonances, poles then zeros; None for one that the model does not have
     base_curve, updated_curve : (n,) complex ohm at the sweep's frequencies
     history : pole-zero iterations on its fundamental
     to_sensitivity : computes `sensitivity`, which only pictures and reports ask for
@@ -66,7 +66,7 @@ class Outcome:
     """
 
     measured: Measured
-    matched: tuple[tuple[Resonance, Resonance], ...]
+    matched: tuple[tuple[Resonance, Resonance | None], ...]
     base_curve: np.ndarray = field(repr=False)
     updated_curve: np.ndarray = field(repr=False)
     history: tuple[Step, ...] = field(repr=False)
@@ -95,7 +95,10 @@ class Outcome:
     def records(self, kind: str) -> list[dict]:
         """The list of poles or zeros in update.json, kind "pole" or "zero"."""
         return [
-            {"measured": data.to_json(), "model": {"frequency_Hz": model.frequency_Hz, "loss": model.loss}}
+            {
+                "measured": data.to_json(),
+                "model": model and {"frequency_Hz": model.frequency_Hz, "loss": model.loss},
+            }
             for data, model in self.matched
             if data.kind == kind
         ]

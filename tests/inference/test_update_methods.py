@@ -191,6 +191,14 @@ def test_matching_refuses_more_modes_than_the_model_has():
         match(measured, np.array([1e10, 2e10]) + 1e8j, np.ones(2))
 
 
+def test_a_resonance_that_the_model_does_not_have_displaces_no_other():
+    """Distances in log λ add up, so a chain of wrong partners would cost the same as one resonance without any."""
+    measured = [Resonance("pole", complex((2 * np.pi * f) ** 2)) for f in (35e3, 45e3, 105e3)]
+    model = (2 * np.pi * np.array([35.2e3, 104e3, 170e3])) ** 2 * (1 + 0.02j)
+    assert list(match(measured, model, np.ones(3), 0.5)) == [0, -1, 1]
+    assert list(match(measured, model[:1], np.ones(1), 0.5)) == [0, -1, -1]
+
+
 def test_free_constants_that_cannot_be_free_are_refused():
     simple = library_material("tj52-hd").constants
     with pytest.raises(InputError, match="simplified"):
