@@ -69,15 +69,20 @@ def motion_of(model: ElectroelasticModel, vector: np.ndarray) -> Motion:
     return Motion(
         share=energy / energy.sum(),
         strain=(strain**2) @ weight / np.sum((strain**2) @ weight),
-        half_waves=np.array([_half_waves(position[axis], u[axis] * weight) for axis in range(3)]),
+        half_waves=np.array(
+            [_half_waves(position[axis], u[axis] * weight, axis in model.domain.symmetry.values()) for axis in range(3)]
+        ),
         squeeze=float((strain[2] ** 2) @ weight * np.ptp(box[2]) ** 2 / 4 / max(energy[2], 1e-300)),
         **_radial_motion(position, np.ptp(box, axis=1), u, weight),
     )
 
 
-def _half_waves(position: np.ndarray, load: np.ndarray) -> int:
-    """The n of the strongest cos(nπ x) in a displacement; position : x from 0 to 1 along the body."""
-    orders = np.arange(1, _HALF_WAVES + 1)
+def _half_waves(position: np.ndarray, load: np.ndarray, mirrored: bool) -> int:
+    """The n of the strongest cos(nπ x) in a displacement; position : x from 0 to 1 along the body.
+
+    mirrored : whether a mirror plane at x = ½ makes the displacement odd about it, so that n is odd
+    """
+    orders = np.arange(1, _HALF_WAVES + 1, 2 if mirrored else 1)
     return int(orders[np.argmax([abs(np.cos(n * np.pi * position) @ load) for n in orders])])
 
 
@@ -104,19 +109,22 @@ def family(model: ElectroelasticModel, vector: np.ndarray) -> str:
     motion = motion_of(model, vector)
     size = np.ptp(extents(model), axis=1)
     round_outline = np.isclose(size[0], size[1], rtol=1e-6) and _is_round(model)
-    if motion.strain[5] > 0.5:
+    # between mirror planes across x and y the face shear is odd, and nothing shears as a whole
+    if motion.strain[5] > 0.5 and not {0, 1} <= set(model.domain.symmetry.values()):
         return "face shear"
     if motion.strain[3] + motion.strain[4] > 0.5 and motion.share[2] < 0.5:
         return "thickness shear"
     if motion.share[2] > 0.5 and size[2] <= size[:2].min():
         return _along("thickness extension", motion.half_waves[2]) if motion.squeeze > 0.5 else _bending(motion)
     compact = max(size[:2]) < 1.25 * min(size[:2])
-    if compact and motion.share[:2].sum() > 0.5 and motion.radial > 0.85 and motion.axisymmetry > 0.8:
+    axisymmetric = motion.axisymmetry > 0.8
+    if compact and motion.share[:2].sum() > 0.5 and motion.radial > 0.85 and axisymmetric:
         order = motion.circles + 1
         word = "radial" if round_outline else "planar extension"
         return f"{_ordinal(order)} {word}" if round_outline or order > 1 else f"first {word} (all edges in phase)"
     if round_outline and size[2] <= size[0]:
-        return "contour mode of a disk (not axisymmetric)"
+        turned = axisymmetric or model.domain.radii is not None
+        return "radial and axial motion" if turned else "contour mode of a disk (not axisymmetric)"
     axis = int(np.argmax(motion.share))
     word = _axis_words(size)[axis]
     text = _along(f"{word} extension", motion.half_waves[axis])

@@ -115,6 +115,20 @@ def test_mirrored_part_shows_the_mode_of_the_whole(circuit: str) -> None:
         assert np.sum(part.electrode == label) == np.sum(whole.electrode == label)
 
 
+def test_names_respect_the_symmetry_of_what_drives_the_body(tmp_path: Path) -> None:
+    """Full electrodes drive no face shear and no even number of half waves, and in a disk only axisymmetric modes."""
+    square = K31.replace('"plate"', '"square"').replace('length = "20 mm"\nwidth = "3 mm"', 'length = "10 mm"')
+    thick = K31.replace('"plate"', '"disk"').replace('length = "20 mm"\nwidth = "3 mm"', 'diameter = "5 mm"')
+    thick = thick.replace('thickness = "1 mm"', 'thickness = "5 mm"')
+    names = {}
+    for name, text, top in (("square", square, 3e5), ("disk", thick, 1.1e6)):
+        (tmp_path / name).mkdir()
+        names[name] = [one.pole_family for one in modes(specimen(tmp_path / name, text), band=(0.0, top)).modes]
+    assert names["square"][0] == "first planar extension (all edges in phase)"
+    assert names["square"][1] in ("first length extension, coupled", "first width extension, coupled")
+    assert len(names["disk"]) > 3 and not any("not axisymmetric" in one for one in names["disk"])
+
+
 def test_modes_of_a_bar_are_those_of_the_thin_bar(tmp_path: Path) -> None:
     result = modes(specimen(tmp_path))
     first = result.modes[0]
