@@ -15,7 +15,7 @@ from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.reduced_basis import ReducedBasis
 
 #: Modes up to `_BEYOND` times the top ω² are trained; at most `_MOST_CORRECTIONS` directions are corrected in a round.
-_BEYOND, _MOST_CORRECTIONS = 1.5, 120
+_BEYOND, _MOST_CORRECTIONS = 1.5, 400
 
 
 @dataclass(frozen=True)
