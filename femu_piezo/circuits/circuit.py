@@ -252,11 +252,6 @@ def _scaled(unit: Static, amount: float) -> Static:
     return Static(unit.kind, {key: float(v * amount if key == "C" else v / amount) for key, v in unit.values.items()})
 
 
-def _carries_direct_current(circuit: Circuit) -> bool:
-    """Whether a branch has an Rp: those of a body without loss, or of Butterworth and Van Dyke, do not."""
-    return any(np.isfinite(one.elements["Rp"]) for one in circuit.branches)
-
-
 def _notes(circuit: Circuit) -> list[str]:
     found = []
     negative = [one for one in circuit.branches if min(one.elements["R"], one.elements["Rp"]) < 0]
@@ -277,7 +272,7 @@ def _notes(circuit: Circuit) -> list[str]:
             f"the rest of this curve, without the branches, is not that of passive elements: it is fitted by {broad} "
             "broad resonances, a C and an R of either sign, which are valid only together and only in this band"
         )
-    elif _carries_direct_current(circuit) and any(one.values["R"] < 0 for one in circuit.static if one.kind == "R"):
+    elif any(one.values["R"] < 0 for one in circuit.static if one.kind == "R"):
         found.append("the negative resistor cancels the direct current through the Rp of the branches")
     rms, largest = circuit.misfit
     found.append(f"the circuit follows its curve within {100 * rms:.2g} % rms and {100 * largest:.2g} % at most")

@@ -123,8 +123,9 @@ def family(model: ElectroelasticModel, vector: np.ndarray) -> str:
         word = "radial" if round_outline else "planar extension"
         return f"{_ordinal(order)} {word}" if round_outline or order > 1 else f"first {word} (all edges in phase)"
     if round_outline and size[2] <= size[0]:
-        turned = axisymmetric or model.domain.radii is not None
-        return "radial and axial motion" if turned else "contour mode of a disk (not axisymmetric)"
+        if axisymmetric or model.domain.radii is not None:  # a body of revolution has no other driven modes
+            return "radial and axial motion"
+        return "contour mode of a disk (not axisymmetric)"
     axis = int(np.argmax(motion.share))
     word = _axis_words(size)[axis]
     text = _along(f"{word} extension", motion.half_waves[axis])

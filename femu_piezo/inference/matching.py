@@ -45,7 +45,17 @@ def match(
             weight -= np.log(data)
         model = np.log(strength[usable])
         distance += _STRENGTH_COST * np.abs((model - model.max())[None, :] - (weight - weight.max())[:, None])
-    if farthest is not None:
-        distance = np.hstack([distance, np.full((len(measured), len(measured)), farthest)])
-    usable = np.append(usable, np.full(len(measured), -1))
-    return usable[linear_sum_assignment(distance)[1]]
+    if farthest is None:
+        return usable[linear_sum_assignment(distance)[1]]
+    partners = assigned(distance, farthest)
+    return np.array([usable[place] if place >= 0 else -1 for place in partners])
+
+
+def assigned(cost: np.ndarray, farthest: float) -> np.ndarray:
+    """(k,) the column of a cost (k, m) that each row has in the assignment of least total cost; −1 for none.
+
+    farthest : what a row without a column costs, so that a dearer pair is none
+    """
+    padded = np.hstack([cost, np.full((len(cost), len(cost)), farthest)])
+    columns = linear_sum_assignment(padded)[1]
+    return np.where(columns < cost.shape[1], columns, -1)

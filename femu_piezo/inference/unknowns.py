@@ -335,6 +335,14 @@ class Unknowns:
     fixed: tuple[tuple[Effect, np.ndarray], ...] = ()
     readings: tuple[Read, ...] = ()
 
+    @classmethod
+    def of_constants(
+        cls, free: FreeConstants, fixed: tuple[tuple[Effect, np.ndarray], ...] = ()
+    ) -> tuple[Unknowns, np.ndarray]:
+        """Free constants as the only unknowns, beside effects of known values; and x (n_x,) at their start."""
+        material = MaterialParameters.around(free, free.start)
+        return cls(material, material_prior(free, {}, {}), fixed=fixed), material.x_of(free.start)
+
     @made_once
     def names(self) -> tuple[str, ...]:
         """Names of all unknowns, of the material first."""

@@ -13,7 +13,7 @@ from femu_piezo.inference.ensemble import Share, together
 from femu_piezo.inference.fit import closest
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import Step
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import FreeConstants, Unknowns
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.study.effects import has_effects
@@ -156,10 +156,8 @@ def _fit_curves(
         noise_known=False,
         sizes=tuple(len(one.fitted) for one in measured),
     )
-    material = MaterialParameters.around(free, free.start)
-    unknowns = Unknowns(material, material_prior(free, {}, {}))
-    x = material.x_of(free.start)
+    unknowns, x = Unknowns.of_constants(free)
     error = np.log(sweeps.impedance(unknowns, x) / impedance)
     if _is_poor(rms(error), measured):
         x, error = closest(sweeps, data, unknowns, [x])
-    return rms(error), material.theta(x)
+    return rms(error), unknowns.material.theta(x)

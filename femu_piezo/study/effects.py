@@ -16,7 +16,7 @@ from femu_piezo.geometry.shapes import EIGHTH, Plate
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.inference.coefficients import active_effects, d_form_constants
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.study.measured import Measured, conditions_of
 from femu_piezo.study.problem import Problem
@@ -182,9 +182,7 @@ def simulated_with_effects(
 
 def _unknowns_of(problem: Problem, known: Sequence[tuple[Effect, np.ndarray]]) -> tuple[Unknowns, np.ndarray]:
     """The free constants as unknowns beside known effects, and x (n_x,) at `Problem.fitted`."""
-    free = problem.free(problem.fitted)
-    material = MaterialParameters.around(free, free.start)
-    return Unknowns(material, material_prior(free, {}, {}), fixed=tuple(known)), material.x_of(free.start)
+    return Unknowns.of_constants(problem.free(problem.fitted), tuple(known))
 
 
 def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray]]) -> tuple[Problem, tuple[str, ...]]:

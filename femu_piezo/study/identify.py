@@ -19,7 +19,7 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.identifiability import Identifiability, identifiability
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sensitivity import Sensitivity
-from femu_piezo.inference.unknowns import TANGENT, FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import TANGENT, FreeConstants, Unknowns
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Specimen
@@ -231,9 +231,7 @@ def _unknowns(first: Problem) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
 
 def _material(first: Problem) -> tuple[Unknowns, np.ndarray]:
     """All constants of the first specimen as unknowns, and their values (n_x,)."""
-    free = _free(first)
-    material = MaterialParameters.around(free, free.start)
-    return Unknowns(material, material_prior(free, {}, {})), material.x_of(free.start)
+    return Unknowns.of_constants(_free(first))
 
 
 def _evaluation(problem: Problem, first: Problem, frequency: np.ndarray, effects: Sequence[Effect] = ()) -> Evaluation:

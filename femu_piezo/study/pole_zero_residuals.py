@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from femu_piezo.extraction import Extraction, extract
+from femu_piezo.inference.matching import assigned
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Kind, Resonance
 
@@ -150,10 +150,8 @@ def match(first: list[Resonance], second: list[Resonance]) -> list[int | None]:
     if not first or not second:
         return [None] * len(first)
     cost = np.array([[_distance(a, b) for b in second] for a in first])
-    # one empty partner for each: a pair farther apart than 1 is worse than none
-    padded = np.hstack([np.minimum(cost, 1e3), np.ones((len(first), len(first)))])
-    rows, columns = linear_sum_assignment(padded)
-    return [int(c) if c < len(second) else None for _, c in sorted(zip(rows, columns, strict=True))]
+    partners = assigned(np.minimum(cost, 1e3), farthest=1.0)
+    return [int(place) if place >= 0 else None for place in partners]
 
 
 def _distance(a: Resonance, b: Resonance) -> float:

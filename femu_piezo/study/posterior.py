@@ -207,7 +207,9 @@ class Posterior:
         )
 
     def curve(self, index: int, fit_: Fit | ManyModes) -> np.ndarray:
-        """Z (k,), ohm, of sweep number `index` over all its points, by a fit."""
+        """Z (k,), ohm, of sweep number `index` over all its points, by a fit; that of the fit where it saw them all."""
+        if isinstance(fit_, Fit) and fit_.impedance is not None and np.all(self.several[index].fitted):
+            return fit_.impedance[fit_.data.sweeps[index]]
         evaluation, unknowns, columns = self.whole_sweep(index, fit_)
         return evaluation.impedance(unknowns, fit_.x[columns])
 

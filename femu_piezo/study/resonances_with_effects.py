@@ -8,7 +8,7 @@ from femu_piezo.inference.matching import match
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sensitivity import Sensitivity
 from femu_piezo.inference.terminal_roots import terminal_roots
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import FreeConstants, Unknowns
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.resonances import Kind, Resonance
 from femu_piezo.study.measured import Measured
@@ -30,10 +30,10 @@ def matched_resonances(
     impedance = evaluation.terminals(unknowns, x, modal)
     for kind, data, values, amplitudes in kinds:
         modes = match(data, values, amplitudes, _FARTHEST)
-        there = [resonance for resonance, mode in zip(data, modes, strict=True) if mode >= 0]
-        roots = iter(terminal_roots(impedance, kind, np.sqrt(values[modes[modes >= 0]] + 0j), there))
-        for resonance, mode in zip(data, modes, strict=True):
-            result.append((resonance, Resonance(kind, complex(next(roots) ** 2)) if mode >= 0 else None))
+        there = np.flatnonzero(modes >= 0)
+        roots = terminal_roots(impedance, kind, np.sqrt(values[modes[there]] + 0j), [data[place] for place in there])
+        of_model = {place: Resonance(kind, complex(root**2)) for place, root in zip(there, roots, strict=True)}
+        result += [(resonance, of_model.get(place)) for place, resonance in enumerate(data)]
     return tuple(result)
 
 
@@ -42,10 +42,8 @@ def sensitivity_with_effects(title: str, evaluation: Evaluation, unknowns: Unkno
     constants = unknowns.material.constants(x[: unknowns.of_material])
     names = tuple(name for name in D_FORM if getattr(constants, name) != 0)
     free = FreeConstants.of(constants, names)
-    material = MaterialParameters.around(free, free.start)
     fixed = (*unknowns.fixed, *zip(unknowns.effects, unknowns.values(x), strict=True))
-    every = Unknowns(material, material_prior(free, {}, {}), fixed=fixed)
-    z, slopes = evaluation.with_jacobian(every, material.x_of(free.start))
+    z, slopes = evaluation.with_jacobian(*Unknowns.of_constants(free, fixed))
     values = np.zeros((z.size, len(D_FORM)), dtype=complex)
     for index, name in enumerate(names):
         values[:, D_FORM.index(name)] = slopes[:, 2 * index] / z

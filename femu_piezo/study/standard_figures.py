@@ -19,7 +19,7 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.starts.many_modes import ManyModes
-from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.rational_curve import RationalCurve, rational_curve
 from femu_piezo.resonances import Resonance
@@ -86,9 +86,7 @@ def body_alone(posterior: Posterior, index: int, found: Fit | ManyModes) -> Moda
     """
     evaluation, own, columns = posterior.whole_sweep(index, found)
     free = posterior.several[index].problem.free(constants_under(own, found.x[columns]))
-    material = MaterialParameters.around(free, free.start)
-    alone = Unknowns(material, material_prior(free, {}, {}))
-    return evaluation.modal(alone, material.x_of(free.start))
+    return evaluation.modal(*Unknowns.of_constants(free))
 
 
 def _figures(

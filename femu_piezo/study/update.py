@@ -27,7 +27,7 @@ from femu_piezo.inference.readings import contradictions
 from femu_piezo.inference.sampling import sample_posterior
 from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.starts.pole_zero import Step
-from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.specimen.file import Specimen, Update
@@ -253,7 +253,7 @@ def _outcome(
         measured=one,
         matched=matched_resonances(one, evaluation, unknowns, x),
         base_curve=_baseline_curve(evaluation, unknowns, posterior.problem.free(base)),
-        updated_curve=_curve(posterior, index, found),
+        updated_curve=posterior.curve(index, found),
         history=history,
         to_sensitivity=partial(sensitivity_with_effects, one.problem.specimen.name, evaluation, unknowns, x),
         unknowns=model.size,
@@ -264,18 +264,9 @@ def _outcome(
     )
 
 
-def _curve(posterior: Posterior, index: int, found: Fit | ManyModes) -> np.ndarray:
-    """Z (k,) of one sweep at the solution, ohm: that of the fit where it saw the whole sweep."""
-    if isinstance(found, Fit) and found.impedance is not None and np.all(posterior.several[index].fitted):
-        return found.impedance[found.data.sweeps[index]]
-    return posterior.curve(index, found)
-
-
 def _baseline_curve(evaluation, own: Unknowns, free) -> np.ndarray:
     """Z (k,) of the constants of the file with its known effects, ohm."""
-    material = MaterialParameters.around(free, free.start)
-    unknowns = Unknowns(material, material_prior(free, {}, {}), fixed=own.fixed)
-    return evaluation.impedance(unknowns, material.x_of(free.start))
+    return evaluation.impedance(*Unknowns.of_constants(free, own.fixed))
 
 
 def _known(found: Fit) -> Identifiability:
