@@ -60,7 +60,7 @@ class EquivalentCircuit(Result, Circuit):
         misfit.semilogy(x, 100 * np.abs(self.impedance / self.curve - 1), **UPDATED, label="from its curve")
         if self.sweep is not None:
             misfit.semilogy(x, 100 * np.abs(self.impedance / self.sweep - 1), **MEASURED, label="from the sweep")
-            misfit.legend()
+            misfit.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)  # hides no point
         magnitude.set(xscale=scale, title=f"{as_it_stands(self.name)}: equivalent circuit")
         misfit.set(ylabel="difference (%)", xlabel=label)
         figure.legend(*magnitude.get_legend_handles_labels(), loc="outside upper center", ncols=2, frameon=False)
