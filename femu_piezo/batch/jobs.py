@@ -106,7 +106,7 @@ def find_jobs(
     """
     endings = (".toml",) if specimen is None else ENDINGS
     try:
-        files = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in endings and path.is_file()]
+        files = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in endings and _is_given(path)]
     except OSError as error:
         raise InputError(
             f"{folder}: this is no folder that can be read ({error.strerror}); give the folder of the lot"
@@ -122,6 +122,11 @@ def find_jobs(
     if specimen is None:
         return [Job(path.name, path, **options) for path in files]
     return [Job(path.name, specimen.absolute(), path, **options) for path in files]
+
+
+def _is_given(path: Path) -> bool:
+    """Whether an entry of a folder is a file, or a link to nothing: its row says that the file is missing."""
+    return path.is_file() or (path.is_symlink() and not path.exists())
 
 
 def natural_order(name: str) -> tuple:

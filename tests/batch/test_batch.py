@@ -170,6 +170,14 @@ def test_a_file_that_changes_during_the_work_is_lost(lot, tmp_path):
     assert row["status"] == "lost" and "changed during the work" in row["reason"]
 
 
+def test_a_link_to_nothing_is_a_row(lot, tmp_path):
+    (tmp_path / "sweeps").mkdir()
+    (tmp_path / "sweeps" / "p1.csv").symlink_to(lot[0] / "moved away.csv")
+    (tmp_path / "sweeps" / "p2.csv").symlink_to(lot[0], target_is_directory=True)
+    (row,) = run_lot(find_jobs(tmp_path / "sweeps", lot[1]), tmp_path / "out", InlinePool).rows
+    assert (row["file"], row["status"]) == ("p1.csv", "failed") and "p1.csv" in row["reason"]
+
+
 def test_folder_of_specimen_files(tmp_path):
     specimen = write_lot(tmp_path, 1)[1]
     for number in (9, 10):
