@@ -78,25 +78,24 @@ def _relative_and_additive(
     Fisher scoring in the logarithms of both, from those of `start` (2,); a step is quartered until it lowers the sum.
     """
 
-    def cost(logs: np.ndarray) -> float:
-        variance = np.exp(logs[0]) * level + np.exp(logs[1])
-        return float(np.sum(np.log(variance) + power / variance))
+    def at(logs: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """The sum, the additive share of every variance, and power over variance, at the logarithms (2,)."""
+        additive = np.exp(logs[1])
+        variance = np.exp(logs[0]) * level + additive
+        excess = power / variance
+        return float(np.sum(np.log(variance) + excess)), additive / variance, excess
 
     logs = np.log(start)
-    here = cost(logs)
+    here, share, excess = at(logs)
     for _ in range(_STEPS):
-        proportional = np.exp(logs[0]) * level
-        variance = proportional + np.exp(logs[1])
-        shares = np.stack([proportional / variance, np.exp(logs[1]) / variance])
-        information = shares @ shares.T
-        slope = shares @ (1 - power / variance)
-        step = -np.linalg.lstsq(information, slope, rcond=1e-12)[0]
+        shares = np.array([1 - share, share])
+        step = -np.linalg.lstsq(shares @ shares.T, shares @ (1 - excess), rcond=1e-12)[0]
         step /= max(1.0, float(np.max(np.abs(step))) / _LONGEST)
-        while (there := cost(logs + step)) > here and np.max(np.abs(step)) > _CLOSE:
+        while (there := at(logs + step))[0] > here and np.max(np.abs(step)) > _CLOSE:
             step = step / 4
-        if there > here:
+        if there[0] > here:
             break
-        gained, logs, here = here - there, logs + step, there
+        gained, logs, (here, share, excess) = here - there[0], logs + step, there
         if gained < _CLOSE:
             break
     return (float(np.exp(logs[0])), float(np.exp(logs[1]))), here

@@ -59,8 +59,8 @@ def _near(impedance: Callable[[np.ndarray], np.ndarray], kind: Kind, start: np.n
 
     for _ in range(_STEPS):
         with np.errstate(divide="ignore", invalid="ignore"):
-            value = function(omega)
-            step = value * omega * _DIFFERENCE / (function(omega * (1 + _DIFFERENCE)) - value)
+            value, beside = function(np.concatenate([omega, omega * (1 + _DIFFERENCE)])).reshape(2, -1)
+            step = value * omega * _DIFFERENCE / (beside - value)
         step = np.where(np.isfinite(step), step, 0.0)
         omega = omega - step
         if np.all(np.abs(step) < _SETTLED * np.abs(omega)):

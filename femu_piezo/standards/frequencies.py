@@ -164,10 +164,14 @@ class _Window:
 
     def _root(self, middle: int, coefficients: np.ndarray, near: float) -> float:
         """Frequency, Hz, of the root next to a place, in steps of the window, of such a polynomial, by Newton steps."""
-        slopes, at = _EXPONENTS[1 : coefficients.size] * coefficients[1:], near - middle
+        at, falling = near - middle, coefficients[::-1].tolist()
         for _ in range(_NEWTON):
-            powers = at ** _EXPONENTS[: coefficients.size]
-            at -= np.clip(coefficients @ powers / (slopes @ powers[:-1]), -0.5, 0.5)
+            value = slope = 0.0
+            for coefficient in falling:  # Horner's rule
+                value, slope = value * at + coefficient, slope * at + value
+            if not slope:
+                break
+            at -= min(max(value / slope, -0.5), 0.5)
         return float(self.grid[0] + self._step * (middle + at))
 
     @property

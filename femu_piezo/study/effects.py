@@ -36,7 +36,7 @@ _AXES = {
 }
 
 
-#: Number of equally spaced times at which the frequency of a sweep is tabulated.
+#: Most points of a sweep that tell its pace; a longer one is read at so many equally spaced times.
 _PACE = 4097
 
 
@@ -58,7 +58,8 @@ def effect_context(
     conditions : how the sweep was taken; as the only one, upwards, where None
     """
     points = np.array(band_Hz) if frequency is None else frequency
-    pace = np.interp(np.linspace(0, 1, _PACE), np.linspace(0, 1, points.size), points)
+    if points.size > _PACE:
+        points = np.interp(np.linspace(0, 1, _PACE), np.linspace(0, 1, points.size), points)
     plate = problem.plate
     whole = isinstance(plate, Plate) and plate.mirrors == EIGHTH
     return EffectContext(
@@ -79,7 +80,7 @@ def effect_context(
         tolerances=tolerances(problem),
         band_Hz=band_Hz,
         density_from_mass=problem.specimen.geometry.mass is not None,
-        pace_Hz=tuple(pace.tolist()),
+        pace_Hz=tuple(points.tolist()),
         conditions=conditions or SweepConditions(),
     )
 

@@ -277,12 +277,11 @@ def _known(found: Fit) -> Identifiability:
     further = found.further_jacobian.copy()
     further[:count, :count] = np.diag(1 / weak[:count])
     rows = np.concatenate([found.jacobian / found.level, further])
-    others = rows[:, count:] * parameters.prior_std[count:]
-    of_constants = rows[:, :count]
-    if others.shape[1]:
-        span = np.linalg.qr(others)[0]
-        of_constants = of_constants - span @ (span.T @ of_constants)
-    told = identifiability(of_constants, parameters.material.names, found.x[:count])
+    others = rows.shape[1] - count
+    # R of the columns, those of the constants last: its last block is what the others leave of these
+    ordered = np.hstack([rows[:, count:] * parameters.prior_std[count:], rows[:, :count]])
+    marginal = np.linalg.qr(ordered, mode="r")[others:, others:]
+    told = identifiability(marginal, parameters.material.names, found.x[:count])
     size = np.where([name.startswith("tan_") for name in told.names], 1.0, np.abs(found.x[:count]))
     return replace(told, std=np.maximum(told.std, found.std[:count] / size))  # a discrepancy widens them
 
