@@ -106,7 +106,8 @@ def find_jobs(
     """
     endings = (".toml",) if specimen is None else ENDINGS
     try:
-        files = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in endings and _is_given(path)]
+        files = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in endings]
+        files = [path for path in files if path.is_file() or not path.exists()]  # a link to nothing is a row of its own
     except OSError as error:
         raise InputError(
             f"{folder}: this is no folder that can be read ({error.strerror}); give the folder of the lot"
@@ -122,11 +123,6 @@ def find_jobs(
     if specimen is None:
         return [Job(path.name, path, **options) for path in files]
     return [Job(path.name, specimen.absolute(), path, **options) for path in files]
-
-
-def _is_given(path: Path) -> bool:
-    """Whether an entry of a folder is a file, or a link to nothing: its row says that the file is missing."""
-    return path.is_file() or (path.is_symlink() and not path.exists())
 
 
 def natural_order(name: str) -> tuple:

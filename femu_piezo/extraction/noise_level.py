@@ -79,23 +79,23 @@ def _relative_and_additive(
     """
 
     def at(logs: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """The sum, the additive share of every variance, and power over variance, at the logarithms (2,)."""
+        """The sum, the additive share (n,) of every variance, and power over variance (n,), at the logarithms (2,)."""
         additive = np.exp(logs[1])
         variance = np.exp(logs[0]) * level + additive
-        excess = power / variance
-        return float(np.sum(np.log(variance) + excess)), additive / variance, excess
+        ratio = power / variance
+        return float(np.sum(np.log(variance) + ratio)), additive / variance, ratio
 
     logs = np.log(start)
-    here, share, excess = at(logs)
+    here, share, ratio = at(logs)
     for _ in range(_STEPS):
         shares = np.array([1 - share, share])
-        step = -np.linalg.lstsq(shares @ shares.T, shares @ (1 - excess), rcond=1e-12)[0]
+        step = -np.linalg.lstsq(shares @ shares.T, shares @ (1 - ratio), rcond=1e-12)[0]
         step /= max(1.0, float(np.max(np.abs(step))) / _LONGEST)
         while (there := at(logs + step))[0] > here and np.max(np.abs(step)) > _CLOSE:
             step = step / 4
         if there[0] > here:
             break
-        gained, logs, (here, share, excess) = here - there[0], logs + step, there
+        gained, logs, (here, share, ratio) = here - there[0], logs + step, there
         if gained < _CLOSE:
             break
     return (float(np.exp(logs[0])), float(np.exp(logs[1]))), here

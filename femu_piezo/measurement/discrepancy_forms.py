@@ -190,10 +190,8 @@ class Alternatives:
     def _along(self, sides: Sides) -> np.ndarray:
         """Σ row · factor · v (n, t', s, p) over the points, of every factor, without amounts and scale."""
         n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
-        factored = np.multiply(self.factors.T[:, :, None], sides.turned[self.points, None], order="C")  # (k', t', p)
-        factored, every = factored.reshape(self.points.size, -1), self.rows.reshape(-1, self.points.size)
-        # numpy would make complex numbers of real rows
-        along = every @ factored if np.iscomplexobj(every) else (every @ factored.view(float)).view(complex)
+        along = self.factors[:, :, None] * sides.turned[self.points]  # (t', k', p)
+        along = self.rows.reshape(-1, self.points.size) @ along.transpose(1, 0, 2).reshape(self.points.size, -1)
         return along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3)
 
     def along_axes(self, sides: Sides, squares: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
