@@ -76,5 +76,5 @@ def run_batch(
     from femu_piezo.batch.report import write_report
 
     text = lot_text(write_report(result, out))
-    text += f"{result.computed} results computed now, {result.kept} kept → {out / 'table.csv'}\n"
+    text += f"results: {result.computed} computed now, {result.kept} kept → {out / 'table.csv'}\n"
     return text, 0 if result.count("ok") else 3
