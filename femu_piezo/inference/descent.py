@@ -19,7 +19,8 @@ from femu_piezo.threads import Once, in_parallel
 
 #: A coarse fit, one that is to be ranked and a close one stop where the next step promises a smaller gain in χ² (at the
 #: noise level) than this. The gain is also Σ (distance of an unknown from the minimum over its standard deviation)².
-COARSE, RANKED, CLOSE = 1.0, 0.03, 1e-6
+#: A close fit makes this last step without an evaluation after it, which would change nothing that counts.
+COARSE, RANKED, CLOSE = 1.0, 0.03, 3e-3
 #: Most evaluations of a coarse fit, and of the others.
 FEW, MANY = 12, 100
 #: A descent is on its way while its next step promises more than this share of χ². Several descents are compared once
@@ -172,6 +173,8 @@ class Descent:
                     self._ahead, self.promised_gain = self._stepped(self.x, linear)
                     self._promised_at = self.x
                 if self.promised_gain < gain and settled:
+                    if gain <= CLOSE:
+                        self._make_last_step()
                     return self
                 count, promised, ahead = count + 1, False, self._ahead
                 if self.promised_gain < gain:  # only the level has not settled
@@ -194,6 +197,12 @@ class Descent:
                     gained += share * self.promised_gain
                     break
         return self
+
+    def _make_last_step(self) -> None:
+        """Go to where the next step leads, with the residuals there by linearisation and the Jacobians from here."""
+        residual, jacobian, further, slopes = self.parts
+        step = self._ahead - self.x
+        self.x, self.parts = self._ahead, (residual + jacobian @ step, jacobian, further + slopes @ step, slopes)
 
     def leap(self, count: int) -> None:
         """Make so many steps, whatever they cost; go back to the start unless the last one ends lower."""
