@@ -382,6 +382,10 @@ def batch(
     records, those of diagnoses in the folder diagnoses. Each result is saved when it is finished: after an
     interruption the same command continues; only new and changed files are computed.
     """
+    from femu_piezo.batch.pool import load_program
+
+    if scheduler is None:
+        load_program()  # while this process reads the lot
     from femu_piezo.batch.command import run_batch
 
     _check_lot(store, lot)

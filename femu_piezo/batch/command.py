@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from threading import Thread
 
@@ -12,12 +11,10 @@ from femu_piezo.batch.jobs import Job, find_jobs
 from femu_piezo.batch.pool import LocalPool, Pool
 from femu_piezo.batch.progress import lot_progress
 from femu_piezo.batch.run import Diagnosed, run_lot
+from femu_piezo.batch.table import as_parquet
 from femu_piezo.errors import InputError
 from femu_piezo.specimen.file import read_specimens
 from femu_piezo.threads import available_cores
-
-#: Modules of table and report, which load large libraries.
-_AT_THE_END = ("pyarrow.parquet", "femu_piezo.batch.report")
 
 
 def run_batch(
@@ -46,8 +43,7 @@ def run_batch(
         read_specimens([specimen], jobs[0].sweep)  # what is wrong with it would be the reason in every row
 
     def make_pool() -> Pool:
-        # this process waits while the workers start: time to load what it needs at the end
-        Thread(target=lambda: [import_module(name) for name in _AT_THE_END]).start()
+        Thread(target=_load_libraries).start()  # this process waits while the workers start
         if scheduler is not None:
             try:
                 from femu_piezo.batch.cluster import DaskPool
@@ -78,3 +74,10 @@ def run_batch(
     text = lot_text(write_report(result, out))
     text += f"results: {result.computed} computed now, {result.kept} kept → {out / 'table.csv'}\n"
     return text, 0 if result.count("ok") else 3
+
+
+def _load_libraries() -> None:
+    """Load what makes table and report; pyarrow loads pandas, where it is installed, with the first column."""
+    import femu_piezo.batch.report  # noqa: F401
+
+    as_parquet([{}], ["file"])

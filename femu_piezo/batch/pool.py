@@ -11,16 +11,19 @@ import os
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager
+from multiprocessing import forkserver
 from typing import Protocol
 
-from femu_piezo.batch.worker import THREAD_VARIABLES, start_local_worker
 from femu_piezo.errors import ConvergenceError, InputError
 
 #: Jobs handed to each worker beyond the one it works on, so that it never waits for the next.
 AHEAD = 1
+#: Variables that keep a process to one thread of dense and sparse algebra; read when the libraries load.
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
 #: Module that workers need, which takes longest to load; and whether they can share one copy of it, loaded once by a
 #: process without threads from which they fork.
 _LOADED_ONCE, _FORKS = "femu_piezo.batch.steps", sys.platform == "linux"
@@ -60,6 +63,29 @@ class Pool(Protocol):
     def close(self) -> None: ...
 
 
+def load_program() -> None:
+    """Begin to load what workers need, in the process from which they fork, where there is one; returns at once."""
+    if _FORKS:
+        multiprocessing.set_forkserver_preload([_LOADED_ONCE])
+        with _single_threads():
+            forkserver.ensure_running()
+
+
+@contextmanager
+def _single_threads() -> Iterator[None]:
+    """Processes that start inside load their libraries for one thread each."""
+    before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
 class LocalPool:
     """`workers` processes of this machine, each on one thread; they end with this process, however it ends."""
 
@@ -69,16 +95,15 @@ class LocalPool:
 
     def __init__(self, workers: int, limit_s: float | None) -> None:
         self._workers, self.limit_s = workers, limit_s
-        self._before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-        os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))  # the processes inherit it when they start
+        self._environment = ExitStack()
+        self._environment.enter_context(_single_threads())  # processes start with the first jobs
         self._executor = self._new()
 
     def _new(self) -> Executor:
-        if _FORKS:
-            context = multiprocessing.get_context("forkserver")
-            context.set_forkserver_preload([_LOADED_ONCE])
-        else:
-            context = multiprocessing.get_context("spawn")
+        from femu_piezo.batch.worker import start_local_worker  # loads what reads jobs, `load_program` comes before it
+
+        load_program()
+        context = multiprocessing.get_context("forkserver" if _FORKS else "spawn")
         return ProcessPoolExecutor(self._workers, mp_context=context, initializer=start_local_worker)
 
     @property
@@ -97,11 +122,7 @@ class LocalPool:
 
     def close(self) -> None:
         self._end()
-        for name, value in self._before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        self._environment.close()
 
     def _end(self) -> None:
         processes = list((getattr(self._executor, "_processes", None) or {}).values())

@@ -22,8 +22,6 @@ from femu_piezo.batch.jobs import Job
 from femu_piezo.errors import FemuPiezoError
 
 FINAL = ("ok", "failed")
-#: Variables that keep a process to one thread of dense and sparse algebra; read when the libraries load.
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
 
 _one_at_a_time = threading.Lock()  # a cluster's worker may have several threads; gmsh and the shared bases may not
 _shared_bases = None
