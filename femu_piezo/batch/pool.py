@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
-from multiprocessing import forkserver
 from typing import Protocol
 
 from femu_piezo.errors import ConvergenceError, InputError
@@ -66,6 +65,8 @@ class Pool(Protocol):
 def load_program() -> None:
     """Begin to load what workers need, in the process from which they fork, where there is one; returns at once."""
     if _FORKS:
+        from multiprocessing import forkserver
+
         multiprocessing.set_forkserver_preload([_LOADED_ONCE])
         with _single_threads():
             forkserver.ensure_running()

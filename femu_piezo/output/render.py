@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 #: Largest drawn displacement relative to the longest side; of thickness modes relative to the thickness.
 _EXAGGERATION, _IN_THICKNESS = 0.07, 0.3
+#: Most by which the drawn displacement shortens or stretches the surface along any line, so that no hole turns over.
+_MOST_STRAIN = 0.8
 COLORS = {"displacement": "viridis", "potential": "RdBu_r"}
 ELECTRODE_COLORS = {BARE: "#e8dfc8", HOT: "#c0392b", GROUND: "#1f4e79"}
 WINDOW = (1500, 1000)
@@ -77,6 +79,7 @@ def _shape(result: ModesResult, vector: np.ndarray, quantity: str, words: str, s
     largest = size.max()
     box = np.ptp(surface.points, axis=0)
     reach = _IN_THICKNESS * box.min() if "thickness" in words else _EXAGGERATION * box.max()
+    reach = min(reach, _MOST_STRAIN * largest / _strain_along_edges(surface, displacement.real))
     if quantity == "potential":
         middle = (potential.real.max() + potential.real.min()) / 2  # only differences of potential mean anything
         centred = potential - middle
@@ -84,6 +87,15 @@ def _shape(result: ModesResult, vector: np.ndarray, quantity: str, words: str, s
     else:
         colors = size / largest + 0j
     return Shape(surface, displacement * (reach / largest), colors, quantity)
+
+
+def _strain_along_edges(surface: Surface, displacement: np.ndarray) -> float:
+    """Largest relative change of length of an edge of the triangles by a small displacement (p, 3)."""
+    corners = surface.triangles
+    along, moved = (np.diff(field[corners[:, [0, 1, 2, 0]]], axis=1) for field in (surface.points, displacement))
+    squares = np.sum(along**2, axis=2)
+    long = squares > (_SHORTEST * surface.extent) ** 2
+    return float(np.max(np.abs(np.sum(along * moved, axis=2)[long]) / squares[long], initial=1e-300))
 
 
 class Renderer:
