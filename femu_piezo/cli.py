@@ -382,12 +382,6 @@ def batch(
     records, those of diagnoses in the folder diagnoses. Each result is saved when it is finished: after an
     interruption the same command continues; only new and changed files are computed.
     """
-    from femu_piezo.batch.pool import load_program
-
-    if scheduler is None:
-        load_program()  # while this process reads the lot
-    from femu_piezo.batch.command import run_batch
-
     _check_lot(store, lot)
     if scheduler is not None and workers is not None:
         raise InputError("--workers is for processes of this machine; leave it out where --scheduler is given")
@@ -396,6 +390,12 @@ def batch(
             f"--out {out}: the results cannot go into the folder of the lot; give another, such as {out}/out"
         )
     _prepare(out)
+    if scheduler is None:
+        from femu_piezo.batch.pool import load_program
+
+        load_program()  # while this process reads the lot
+    from femu_piezo.batch.command import run_batch
+
     with ExitStack() as stack:
         keep = None
         if store is not None:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
 from typing import Protocol
 
 from femu_piezo.errors import ConvergenceError, InputError
@@ -22,7 +22,7 @@ from femu_piezo.errors import ConvergenceError, InputError
 #: Jobs handed to each worker beyond the one it works on, so that it never waits for the next.
 AHEAD = 1
 #: Variables that keep a process to one thread of dense and sparse algebra; read when the libraries load.
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
 #: Module that workers need, which takes longest to load; and whether they can share one copy of it, loaded once by a
 #: process without threads from which they fork.
 _LOADED_ONCE, _FORKS = "femu_piezo.batch.steps", sys.platform == "linux"
@@ -64,25 +64,22 @@ class Pool(Protocol):
 
 def load_program() -> None:
     """Begin to load what workers need, in the process from which they fork, where there is one; returns at once."""
-    if _FORKS:
-        from multiprocessing import forkserver
+    if not _FORKS:
+        return
+    from multiprocessing import forkserver, resource_tracker
 
-        multiprocessing.set_forkserver_preload([_LOADED_ONCE])
-        with _single_threads():
-            forkserver.ensure_running()
-
-
-@contextmanager
-def _single_threads() -> Iterator[None]:
-    """Processes that start inside load their libraries for one thread each."""
-    before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
+    resource_tracker.ensure_running()  # would unblock Ctrl-C below
+    multiprocessing.set_forkserver_preload([_LOADED_ONCE])
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # Ctrl-C is for this process alone
     try:
-        yield
+        forkserver.ensure_running()
     finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name, value in before.items():
             if value is None:
-                os.environ.pop(name, None)
+                del os.environ[name]
             else:
                 os.environ[name] = value
 
@@ -96,8 +93,6 @@ class LocalPool:
 
     def __init__(self, workers: int, limit_s: float | None) -> None:
         self._workers, self.limit_s = workers, limit_s
-        self._environment = ExitStack()
-        self._environment.enter_context(_single_threads())  # processes start with the first jobs
         self._executor = self._new()
 
     def _new(self) -> Executor:
@@ -123,7 +118,6 @@ class LocalPool:
 
     def close(self) -> None:
         self._end()
-        self._environment.close()
 
     def _end(self) -> None:
         processes = list((getattr(self._executor, "_processes", None) or {}).values())

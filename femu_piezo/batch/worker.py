@@ -18,7 +18,10 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from threadpoolctl import threadpool_limits
+
 from femu_piezo.batch.jobs import Job
+from femu_piezo.batch.pool import THREAD_VARIABLES
 from femu_piezo.errors import FemuPiezoError
 
 FINAL = ("ok", "failed")
@@ -114,7 +117,12 @@ def _devnull():
 
 
 def start_local_worker() -> None:
-    """Prepare a new local worker process: it ignores Ctrl-C, which the parent handles, and ends with the parent."""
+    """Prepare a new local worker process: one thread; it ignores Ctrl-C, which the parent handles, and ends with it.
+
+    Only where something else had started the process that workers fork from are there more threads until here.
+    """
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    threadpool_limits(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warnings.simplefilter("ignore")
     sys.stdout = _devnull()

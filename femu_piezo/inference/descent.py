@@ -19,7 +19,7 @@ from femu_piezo.threads import Once, in_parallel
 
 #: A coarse fit, one that is to be ranked and a close one stop where the next step promises a smaller gain in χ² (at the
 #: noise level) than this. The gain is also Σ (distance of an unknown from the minimum over its standard deviation)².
-#: A close fit makes this last step without an evaluation after it, which would change nothing that counts.
+#: A close fit makes this last step as well, and keeps the Jacobian from before it.
 COARSE, RANKED, CLOSE = 1.0, 0.03, 3e-3
 #: Most evaluations of a coarse fit, and of the others.
 FEW, MANY = 12, 100
@@ -70,10 +70,16 @@ class Posterior:
     parameters: Unknowns
     _kept: Once = field(default_factory=lambda: Once(_PLACES), init=False, repr=False, compare=False)
 
-    def parts(self, x: np.ndarray) -> Parts:
-        """Residuals and Jacobians at x (n_x,)."""
-        data = self.data.whitened(*self.response.with_jacobian(self.parameters, x))
-        return *data, *further_rows(self.parameters, x, self.walls_and_readings(x))
+    def parts(self, x: np.ndarray, jacobian: np.ndarray | None = None) -> Parts:
+        """Residuals and Jacobians at x (n_x,).
+
+        jacobian : (2k, n_x) of the data, to be taken over from a point next to x; computed where None
+        """
+        if jacobian is None:
+            residual, jacobian = self.data.whitened(*self.response.with_jacobian(self.parameters, x))
+        else:
+            residual = self.data.whitened_error(self.response.impedance(self.parameters, x))
+        return residual, jacobian, *further_rows(self.parameters, x, self.walls_and_readings(x))
 
     def walls_and_readings(self, x: np.ndarray) -> WallsAndReadings:
         """Walls and readings at x (n_x,), which need no Z; kept, as a step and `parts` ask for them at the same x."""
@@ -93,9 +99,9 @@ class MovedPosterior(Posterior):
     moved: np.ndarray
     pulled: np.ndarray
 
-    def parts(self, x: np.ndarray) -> Parts:
+    def parts(self, x: np.ndarray, jacobian: np.ndarray | None = None) -> Parts:
         """Residuals and Jacobians at x (n_x,)."""
-        residual, jacobian, further, slopes = super().parts(x)
+        residual, jacobian, further, slopes = super().parts(x, jacobian)
         further[: x.size] += self.pulled[: x.size]
         return residual + self.moved, jacobian, further, slopes
 
@@ -174,7 +180,7 @@ class Descent:
                     self._promised_at = self.x
                 if self.promised_gain < gain and settled:
                     if gain <= CLOSE:
-                        self._make_last_step()
+                        self.x, self.parts = self._ahead, self.posterior.parts(self._ahead, self.parts[1])
                     return self
                 count, promised, ahead = count + 1, False, self._ahead
                 if self.promised_gain < gain:  # only the level has not settled
@@ -197,12 +203,6 @@ class Descent:
                     gained += share * self.promised_gain
                     break
         return self
-
-    def _make_last_step(self) -> None:
-        """Go to where the next step leads, with the residuals there by linearisation and the Jacobians from here."""
-        residual, jacobian, further, slopes = self.parts
-        step = self._ahead - self.x
-        self.x, self.parts = self._ahead, (residual + jacobian @ step, jacobian, further + slopes @ step, slopes)
 
     def leap(self, count: int) -> None:
         """Make so many steps, whatever they cost; go back to the start unless the last one ends lower."""

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -58,6 +63,49 @@ def test_a_pool_that_does_not_answer_is_given_up():
     finally:
         pool.close()
     assert "no worker has answered for 2 s" in found["sleep"]
+
+
+LOCAL_POOL = """
+import multiprocessing, os
+
+def threads():
+    from femu_piezo.threads import cores_of_process
+    return cores_of_process(), os.environ["RAYON_NUM_THREADS"]
+
+if __name__ == "__main__":
+    if {begun}:
+        other = multiprocessing.get_context("forkserver").Process(target=int)
+        other.start()
+        other.join()
+    before = dict(os.environ)
+    from femu_piezo.batch.pool import LocalPool
+    pool = LocalPool(1, None)
+    print(*pool.submit(threads).result(), dict(os.environ) == before)
+    pool.close()
+"""
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_workers_have_one_thread_and_the_caller_keeps_its_environment(begun, tmp_path):
+    """Also where something else has started the process from which workers fork."""
+    script = tmp_path / "script.py"
+    script.write_text(LOCAL_POOL.format(begun=begun))
+    free = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, env=free, check=True)
+    assert ended.stdout.split() == ["1", "1", "True"]
+
+
+@pytest.mark.parametrize("after_s", [0.2, 0.5])
+def test_ctrl_c_while_the_program_loads_ends_in_a_sentence(after_s, tmp_path):
+    """No traceback of the process from which workers fork, which loads the program then."""
+    command = [sys.executable, "-c", "from femu_piezo.batch.pool import load_program; load_program(); input()"]
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, cwd=tmp_path
+    )
+    time.sleep(after_s)
+    os.killpg(process.pid, signal.SIGINT)
+    told = process.communicate()[1]
+    assert "forkserver" not in told
 
 
 def test_a_restarted_scheduler_loses_no_task():

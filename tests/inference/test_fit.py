@@ -14,6 +14,7 @@ from femu_piezo.inference import descent
 from femu_piezo.inference.descent import CLOSE, COARSE, RANKED
 from femu_piezo.inference.ensemble import Share, with_owner
 from femu_piezo.inference.fit import closest, fit, linear_fit, stepped
+from femu_piezo.inference.laws import log_slope
 from femu_piezo.inference.marginal import Columns, Marginal
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
 from femu_piezo.inference.walls import TOLERANCE, Walls, further_rows
@@ -269,6 +270,30 @@ def test_a_fit_along_a_curved_ridge_ends_early_unless_it_is_a_close_one(monkeypa
     assert counts[0] < 0.7 * counts[1] and counts[2] == counts[1]
     early, late, close = (one.chi_square for one in found)
     assert close <= late < early < late + 2
+
+
+def test_all_of_a_close_fit_belongs_to_where_it_ends(lab):
+    """Z, ∂log Z/∂log f, priors and walls are those at x, the Jacobian nearly, though the last step is not evaluated
+    with slopes: for a fit that starts next to its end and so makes this step alone, and one that ends on a wall.
+    """
+    x = lab.truth(3)
+    unknowns, data = lab.unknowns, lab.measured(lab.evaluation.impedance(lab.unknowns, x), 3)
+    first = fit(lab.evaluation, data, unknowns, [lab.near(x)])
+    lossy = x.copy()
+    lossy[unknowns.names.index("tan_d31")] += 0.05  # more than a passive plate has
+    active = lab.measured(lab.evaluation.impedance(unknowns, lossy), 3)
+    for sweep, start in ((data, first.x + 0.02 * first.std), (active, lab.near(lossy))):
+        found = fit(lab.evaluation, sweep, unknowns, [start])
+        z, tangents = lab.evaluation.with_jacobian(unknowns, found.x)
+        slope, (residual, jacobian) = log_slope(lab.evaluation, unknowns, found.x, z), sweep.whitened(z, tangents)
+        np.testing.assert_allclose(found.impedance, z, rtol=1e-12)
+        np.testing.assert_allclose(found.log_slope, slope, atol=1e-4 * np.max(np.abs(slope)))
+        np.testing.assert_allclose(found.residual, residual, atol=1e-8 * np.max(np.abs(residual)))
+        np.testing.assert_allclose(found.jacobian, jacobian, atol=0.02 * np.max(np.abs(jacobian)))
+        further, slopes = further_rows(unknowns, found.x)
+        np.testing.assert_allclose(found.further_residual, further, atol=1e-12)
+        np.testing.assert_allclose(found.further_jacobian, slopes, atol=1e-9 * np.max(np.abs(slopes)))
+    assert Walls(unknowns, found.x).touched
 
 
 class Detour:
