@@ -94,7 +94,7 @@ def _extract(
     else:
         estimate = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes, start)
         result, noise, tried, data = estimate.fit, estimate.noise, estimate.orders, estimate.fit.data
-        scale = result.scale if noise.origin != "file" else _inflation(result, findings)
+        scale = _inflation(result, findings) if noise.origin == "file" else result.scale
         spread = fisher_spread(result.model, data, scale)
         systematic = result.is_correlated
         if systematic:
@@ -102,7 +102,7 @@ def _extract(
             result, discrepancy = _most_probable((*estimate.intermediate_fits, result), data, points)
             alone = correlated_spread(result.model, data, points)
             spread = systematic_spread(result.model, data, points, discrepancy) if alone is None else alone
-            noise = noise if noise.origin == "file" else replace(noise, relative=result.scale)
+            noise = noise if noise.of_spectrum else replace(noise, relative=result.scale)
             findings += find_systematic(discrepancy, result.residual / data.weight, result.degrees_of_freedom, points)
         roots = resonances(result.model, spread, band, systematic=systematic)
     ordered = gravest_first(
@@ -110,7 +110,7 @@ def _extract(
     )
     impedance = 1 / result.model.admittance(spectrum.omega)
     residual = np.full(n, complex("nan+nanj"))
-    sigma = sweep.noise if noise.origin == "file" else noise.std(impedance[used])
+    sigma = sweep.noise if noise.of_spectrum else noise.std(impedance[used])
     residual[used] = (sweep.impedance - impedance[used]) / sigma
     freedom = np.count_nonzero(used) - result.model.size
     return Extraction(
@@ -166,7 +166,7 @@ def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData
 def _points(sweep: ImpedanceSpectrum) -> SweepData:
     """The sweep with its relative noise, from its file or estimated from neighbouring points."""
     noise = noise_at_points(sweep) / np.abs(sweep.impedance)
-    return SweepData(sweep.frequency, sweep.impedance, np.maximum(noise, ROUNDING), sweep.noise is not None)
+    return SweepData(sweep.frequency, sweep.impedance, np.maximum(noise, ROUNDING), sweep.noise_known)
 
 
 def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit]:

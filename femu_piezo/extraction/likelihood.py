@@ -46,7 +46,7 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int, start: Rational
         tried, best = tried + again, best if noisy.is_correlated else noisy
     final = _guarded(best)
     if given is not None:
-        noise = NoiseUsed(float(np.median(1 / given)), 0.0, "file")
+        noise = NoiseUsed(float(np.median(1 / given)), 0.0, "file" if sweep.noise_known else "readings")
     elif final.is_correlated:
         noise = NoiseUsed(final.scale, 0.0, "misfit")
     else:

@@ -166,16 +166,18 @@ def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
         ]
     out = []
     if len(poles) > len(zeros):
-        out.append(Finding("zero_outside_sweep", _outside("antiresonance", "zero", roots, high)))
+        above = [one.frequency_Hz for one in roots.outside if one.kind == "zero" and one.frequency_Hz > high]
+        out.append(Finding("zero_outside_sweep", _outside("antiresonance (zero)", "above", high, sorted(above))))
     if len(zeros) > len(poles):
-        out.append(Finding("pole_outside_sweep", _outside("resonance", "pole", roots, low)))
+        below = [one.frequency_Hz for one in roots.outside if one.kind == "pole" and one.frequency_Hz < low]
+        out.append(Finding("pole_outside_sweep", _outside("resonance (pole)", "below", low, sorted(below)[::-1])))
     return out
 
 
-def _outside(word: str, kind: str, roots: Roots, end: float) -> str:
-    far = [r for r in roots.outside if r.kind == kind]
-    guess = f", at an extrapolated {hertz(far[0].frequency_Hz)} Hz, which is not reliable" if far else ""
-    return f"a mode has its {word} ({kind}) outside the sweep, beyond {hertz(end)} Hz{guess}; widen the sweep"
+def _outside(word: str, side: str, end: float, there: list[float]) -> str:
+    """there : frequencies of extrapolated ones on that side, Hz, the nearest first"""
+    guess = f", at an extrapolated {hertz(there[0])} Hz, which is not reliable" if there else ""
+    return f"a mode has its {word} outside the sweep, {side} {hertz(end)} Hz{guess}; widen the sweep"
 
 
 def _longest_run(flags: np.ndarray) -> int:

@@ -25,11 +25,17 @@ class NoiseUsed(NoiseModel):
     ----------
     relative, additive : as in `NoiseModel`
     origin : "file" where the spectrum carried its noise (relative then is the median of σ_Z/|Z|, additive 0),
-        "residual" where it was learned from the residual of the fit, "misfit" where that residual is more than noise:
-        relative then is the rms misfit of the fit, and all points have equal relative weight
+        "readings" where that was estimated from the roughness of S or of raw readings, "residual" where it was learned
+        from the residual of the fit, "misfit" where that residual is more than noise: relative then is the rms misfit
+        of the fit, and all points have equal relative weight
     """
 
-    origin: Literal["file", "residual", "misfit"]
+    origin: Literal["file", "readings", "residual", "misfit"]
+
+    @property
+    def of_spectrum(self) -> bool:
+        """Whether the spectrum carried it."""
+        return self.origin in ("file", "readings")
 
 
 def weight_of_file(spectrum: ImpedanceSpectrum) -> np.ndarray | None:

@@ -15,7 +15,7 @@ class Columns:
 
     Attributes
     ----------
-    basis, triangle : (2k, r), (r, n) Q and R of the rows of the data;  beside : (m, n) rows of priors, walls, readings
+    basis, triangle : (2k, r), (r, n) Q and R of the rows of the data;  others : (m, n) rows of priors, walls, readings
     """
 
     basis: np.ndarray

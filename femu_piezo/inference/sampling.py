@@ -91,15 +91,13 @@ def sample_posterior(
 
 
 def _drawn(solution: Fit, rng: np.random.Generator) -> np.ndarray:
-    """(2k,) a draw of the errors of the whitened data: noise, discrepancy, laws and mesh."""
-    noise = rng.standard_normal(solution.residual.size)
-    if solution.discrepancy is not None:
-        noise = solution.discrepancy.coloured(noise)
-    moved = solution.noise_scale * noise
-    for misses in (solution.law, solution.mesh):
-        if misses is not None:
-            moved = moved + misses @ rng.standard_normal(misses.shape[1])
-    return moved
+    """(2k,) a draw of the errors of the whitened data, not weighted by the loss: noise, discrepancy, laws and mesh."""
+    scale = solution.noise_scale
+    noise = scale * rng.standard_normal(solution.residual.size)
+    discrepancy = None if solution.discrepancy is None else scale * solution.discrepancy.columns
+    others = [part for part in (discrepancy, solution.law, solution.mesh) if part is not None]
+    weighted = sum(part @ rng.standard_normal(part.shape[1]) for part in others)
+    return noise + weighted / np.sqrt(solution.weight)
 
 
 def _pulled(solution: Fit, rng: np.random.Generator) -> np.ndarray:

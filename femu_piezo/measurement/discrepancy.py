@@ -88,11 +88,6 @@ class Discrepancy:
         grown = np.sqrt(1 + variances)
         return rows - (along / (grown * (1 + grown))) @ (along.T @ rows)
 
-    def coloured(self, noise: np.ndarray) -> np.ndarray:
-        """S of white noise (2k,) or (2k, n): noise and discrepancy, whitened by the noise alone."""
-        variances, along = self._principal
-        return noise + (along / (1 + np.sqrt(1 + variances))) @ (along.T @ noise)
-
 
 def learn_discrepancy(
     data: SweepData,

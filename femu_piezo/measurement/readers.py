@@ -172,7 +172,7 @@ def _with_noise(spectrum: ImpedanceSpectrum, noise: float | None) -> ImpedanceSp
         raise InputError(
             f"{spectrum.source}: noise = {noise} is not a relative standard deviation; give one such as 0.001"
         )
-    return replace(spectrum, noise=noise * np.abs(spectrum.impedance))
+    return replace(spectrum, noise=noise * np.abs(spectrum.impedance), noise_estimated=False)
 
 
 def _spectrum(table: Table, source: str, notes: tuple[str, ...]) -> tuple[ImpedanceSpectrum, bool]:

@@ -30,6 +30,7 @@ class ImpedanceSpectrum:
     impedance : (n,) complex ohm, time factor e^{jωt} (a capacitor has negative reactance)
     noise : (n,) standard deviation of the complex impedance, ohm, sqrt(E|δZ|²); each of Re, Im has noise/√2.
         None where the file gives none
+    noise_estimated : whether `noise` follows from the roughness of readings, and so is known to 25 to 40 % only
     source : where the data came from, for messages and reports
     notes : sentences about what was corrected or is doubtful in the data
     checked : whether the data have passed the checks of `read_spectrum` or `accept_spectrum`
@@ -44,6 +45,7 @@ class ImpedanceSpectrum:
     source: str = "spectrum"
     notes: tuple[str, ...] = ()
     checked: bool = False
+    noise_estimated: bool = False
 
     @classmethod
     def from_impedance(
@@ -148,6 +150,11 @@ class ImpedanceSpectrum:
         object.__setattr__(self, "impedance", impedance)
         if self.noise is not None:
             object.__setattr__(self, "noise", np.broadcast_to(np.asarray(self.noise, float), frequency.shape))
+
+    @property
+    def noise_known(self) -> bool:
+        """Whether the noise was given with the data."""
+        return self.noise is not None and not self.noise_estimated
 
     @property
     def admittance(self) -> np.ndarray:

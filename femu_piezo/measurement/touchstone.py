@@ -71,7 +71,7 @@ def read_touchstone(text: str, source: str, connection: Connection | None = None
     if np.any(np.diff(frequency) == 0):
         raise InputError(f"{source}: frequencies repeat; export one sweep")
     noise, note = _noise(frequency, seen, impedance, slope, kind, float(np.real(reference[0, 0])), source)
-    return ImpedanceSpectrum(frequency, impedance, noise, source, (note,))
+    return ImpedanceSpectrum(frequency, impedance, noise, source, (note,), noise_estimated=noise is not None)
 
 
 def impedance_of(

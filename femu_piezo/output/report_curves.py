@@ -66,6 +66,8 @@ def _residual_words(outcome: Outcome, residual: np.ndarray) -> str:
     measured = outcome.measured
     if measured.noise_known:
         origin = "σ is the noise given with the data"
+    elif measured.fitted.noise is not None:
+        origin = "σ is estimated from the roughness of the readings"
     elif measured.extraction.noise is not None:
         origin = "σ is the noise that the extraction found, without any model of the body"
     else:

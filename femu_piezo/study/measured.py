@@ -93,7 +93,7 @@ class Measured:
     @property
     def noise_known(self) -> bool:
         """Whether the noise came with the data."""
-        return self.fitted.noise is not None
+        return self.fitted.noise_known
 
     def start_values(self, free: tuple[str, ...]) -> dict[str, complex]:
         """Start values of those free constants that the sweep determines by thin-body formulas."""

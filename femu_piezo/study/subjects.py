@@ -71,7 +71,7 @@ class Subject:
     @property
     def noise_known(self) -> bool:
         """Whether the noise came with the data."""
-        return self.measured.spectrum.noise is not None
+        return self.measured.noise_known
 
     @property
     def noise_notes(self) -> tuple[str, ...]:

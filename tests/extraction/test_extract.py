@@ -3,12 +3,14 @@
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import extract
+from femu_piezo.extraction.limitations import find_missing
 from femu_piezo.extraction.order import is_passive
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from tests.noise import circular_noise, noisy
@@ -207,6 +209,34 @@ def test_what_lies_outside_is_named(low, high, status, poles, zeros):
     for r in found.resonances.poles + found.resonances.zeros:
         truth = BAR.pole(1) if r.kind == "pole" else BAR.zero(1)
         assert abs(r.eigenvalue / truth - 1) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("missing", "far", "words"),
+    [
+        (
+            "pole",
+            [40e3, 45e3, 130e3],
+            "resonance (pole) outside the sweep, below 50000 Hz, at an extrapolated 45000 Hz",
+        ),
+        ("pole", [130e3], "resonance (pole) outside the sweep, below 50000 Hz; widen"),
+        (
+            "zero",
+            [40e3, 105e3, 110e3],
+            "antiresonance (zero) outside the sweep, above 100000 Hz, at an extrapolated 105",
+        ),
+    ],
+)
+def test_what_lies_outside_is_sought_on_its_side(missing, far, words):
+    """A pole below the sweep or a zero above it, the nearest one."""
+    other = "zero" if missing == "pole" else "pole"
+    one = SimpleNamespace(kind=other, frequency_Hz=70e3)
+    roots = SimpleNamespace(
+        sound_and_doubtful=lambda kind: (one,) if kind == other else (),
+        outside=tuple(SimpleNamespace(kind=missing, frequency_Hz=frequency) for frequency in far),
+    )
+    (finding,) = find_missing(roots, ImpedanceSpectrum(np.linspace(50e3, 100e3, 51), np.ones(51, complex)))
+    assert words in finding.sentence
 
 
 def test_clipped_peak_is_named_and_left_out():

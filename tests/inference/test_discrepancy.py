@@ -440,17 +440,14 @@ def test_each_of_several_sweeps_has_a_discrepancy_of_its_own():
     assert np.all(np.diag(covariance)[second] > 0)
 
 
-def test_root_of_the_covariance_of_noise_and_discrepancy():
-    """`coloured` is the symmetric root S with S Sᵗ = I + Φ Φᵗ and `whitened` its inverse, also for columns that are
-    zero or repeated.
-    """
+def test_inverse_root_of_the_covariance_of_noise_and_discrepancy():
+    """`whitened` is S⁻¹, symmetric, of S Sᵗ = I + Φ Φᵗ, also for columns that are zero or repeated."""
     columns = np.random.default_rng(1).standard_normal((20, 5)) * [1.0, 1e4, 0.0, 1e-3, 1.0]
     columns[:, 4] = columns[:, 0]
     discrepancy = Discrepancy("smooth", 0.1, 1.0, 1.0, 0.0, columns)
-    root = discrepancy.coloured(np.eye(20))
-    np.testing.assert_allclose(root, root.T, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(root @ root.T, np.eye(20) + columns @ columns.T, rtol=1e-9, atol=1e-6)
-    np.testing.assert_allclose(discrepancy.whitened(root), np.eye(20), atol=1e-8)
+    inverse = discrepancy.whitened(np.eye(20))
+    np.testing.assert_allclose(inverse, inverse.T, atol=1e-9)
+    np.testing.assert_allclose(inverse @ (np.eye(20) + columns @ columns.T) @ inverse, np.eye(20), atol=1e-6)
 
 
 def test_covariance_is_the_scatter_of_the_estimate():

@@ -4,6 +4,7 @@ counted.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +95,8 @@ def test_noise_of_all_readings_is_in_the_noise():
     stated = np.mean([one.noise for one in found], axis=0)
     np.testing.assert_allclose(stated[::10], spread[::10], rtol=0.25)
     assert "compensated by open, short, load from raw files" in found[0].notes[-1]
+    unknown = replace(noisy[0], noise=None)
+    assert found[0].noise_known and not Compensation(*noisy[1:], STANDARD).applied(unknown).noise_known
     loose = Compensation(*noisy[1:], Load(100.0, 2e-7, 3e-12, std=0.01)).applied(noisy[0])
     np.testing.assert_array_equal(loose.noise, found[-1].noise)  # a tolerance of the load does not count as noise
 

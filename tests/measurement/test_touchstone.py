@@ -120,6 +120,8 @@ def test_noise_of_s_becomes_that_of_z(tmp_path, kind):
     assert "the noise of Z is computed from that of S" in found.notes[0]
     relative = found.noise / np.abs(found.impedance)
     assert relative.max() > 8 * relative.min()
+    assert not found.noise_known  # it is an estimate, and counts as one
+    assert read_spectrum(tmp_path / found.source.rsplit("/", 1)[-1], connection=kind, noise=1e-3).noise_known
 
 
 def test_a_specimen_file_takes_touchstone(tmp_path):
