@@ -21,6 +21,7 @@ from femu_piezo.effects.words import usual_size
 from femu_piezo.inference.ensemble import Ensemble, with_default_owner
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.inference.walls import readings
 from femu_piezo.threads import Once
 
 #: Most evaluations of a refit, relative decrease of χ² in a step below which it has settled, and least distance of its
@@ -187,17 +188,18 @@ def _figure(sigma: float) -> str:
 def separation(plan: Plan, first: Point, second: Point) -> float:
     """Separation in σ: misfit of the second point to what the first predicts, all unknowns of the second refitted."""
     first, second = plan.widened(first), plan.widened(second)
-    target, _ = plan.predicted(first.parameters, first.x)
+    target, read = plan.predicted(first.parameters, first.x)[0], readings(first.parameters, first.x)[0]
     rows = _prior_rows(second)
     turn = 2 * np.pi * np.sqrt(2.0) / plan.relative_noise
     phases = slice(turn.size, 2 * turn.size)
 
     def misfit(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual of data and priors, and its Jacobian."""
+        """Residual of data, priors and the readings that the fits have seen, and its Jacobian."""
         predicted, jacobian = plan.predicted(second.parameters, x)
-        difference = predicted - target
+        difference, (value, along) = predicted - target, readings(second.parameters, x)
         difference[phases] -= turn * np.round(difference[phases] / turn)  # phases differ by less than half a turn
-        return np.concatenate([difference, rows @ (x - second.x)]), np.concatenate([jacobian, rows])
+        residual = np.concatenate([difference, rows @ (x - second.x), value - read])
+        return residual, np.concatenate([jacobian, rows, along])
 
     low, high = second.parameters.bounds.T
     solution = least_squares(
@@ -219,6 +221,7 @@ def strength(plan: Plan, point: Point, effect: int, size: float) -> float:
     jacobian = plan.triangle(whole)[:, [whole.parameters.names.index(name) for name in point.parameters.names]]
     column = point.parameters.columns(effect).start
     others = np.delete(np.arange(point.x.size), column)
+    jacobian = np.concatenate([jacobian, readings(point.parameters, point.x)[1]])
     rows = _prior_rows(point)
     return (
         abs(size)

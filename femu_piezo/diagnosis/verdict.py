@@ -13,6 +13,10 @@ from femu_piezo.diagnosis.whiteness import Remaining, noise_level_of, remaining_
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit
 
+#: Log odds of a set with another cause in place of the named one, below which its fit shows that the two differ,
+#: whatever their tangents say: a misfit of 10 σ. A smaller one may be that of a fit in another minimum.
+_REFUTED = -50.0
+
 
 @dataclass(frozen=True)
 class Size:
@@ -144,7 +148,9 @@ def _cause(found: NamedCause, comparison: Comparison, moves: list[Tangent], genu
     tangent = next(t for t in moves if t.effect.key == effect.key)
     size = float(np.max(np.abs((values - effect.rest) / effect.scale)[effect.sizes]))
     alike = [other.title for other in comparison.indistinguishable_from[effect.key]]
-    alike += [t.effect.title for t in moves if t.effect.title != effect.title and parallel(tangent, t, size)]
+    refuted = {trial.effect.title for trial in found.fits if trial.fit is not None and trial.log_odds < _REFUTED}
+    others = [t for t in moves if t.effect.title not in refuted | {effect.title}]
+    alike += [t.effect.title for t in others if parallel(tangent, t, size)]
     if tangent.hides(size):
         alike.append(tangent.nearest)
     return Cause(

@@ -175,8 +175,14 @@ def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
 
 def _readings(now: Plan, several: Sequence[Subject], effects: Sequence[Effect]) -> list[Plan]:
     owned = [with_default_owner(effect, now.owner) for effect in effects]
-    contexts = {one.name or now.owner: one.context for one in several}
+    contexts = {one.name or now.owner: one.context for one in several if not _was_weighed(one)}
     return [replace(now, words=words, readings=slopes) for words, slopes in readings(owned, contexts)]
+
+
+def _was_weighed(one: Subject) -> bool:
+    """Whether the `[readings]` of its file hold its mass."""
+    table = one.problem.specimen.readings
+    return table is not None and "mass" in table.given
 
 
 def _sweeps(

@@ -179,6 +179,24 @@ def test_readings_add_what_they_measure(setup, low):
     assert separation(replace(dull, readings=weighed), *both) < 0.1
 
 
+def test_a_reading_that_the_fits_have_seen_counts_as_a_planned_one_does(setup, low):
+    """The mass in the file of the specimen, against a planned weighing that is as exact."""
+    kept, evaluation = low
+    context = EffectContext(117e3, ("s11",), setup.material.constants(setup.x), {"width": (1,)}, DENSITY, SIZE[2])
+    effects = [setup.library[name] for name in ("wrong_width", "electrode_mass")]
+    weighed = dict(readings(effects, {"": context}))["weigh the specimen, to 0.1 %"]
+    volume = float(np.prod(SIZE))
+    mass = Reading("mass", DENSITY * volume, 1e-3 * DENSITY * volume, "", DENSITY, volume, SIZE[0] * SIZE[1])
+    dull = Plan("", evaluation, np.full(int(kept.sum()), 1e3))
+    wide, film = setup.with_effects({"wrong_width": 0.004}), setup.with_effects({"electrode_mass": 0.0})
+    seen = [Point(replace(parameters, readings=(mass,)), x) for parameters, x in (wide, film)]
+    balance = replace(dull, readings=weighed)
+    assert strength(dull, seen[0], 0, 0.004) == pytest.approx(strength(balance, Point(*wide), 0, 0.004), rel=1e-3)
+    assert strength(dull, Point(*wide), 0, 0.004) < 0.1 * strength(dull, seen[0], 0, 0.004)
+    # film and width may weigh the same, without it any film may: neither is told from the other by the mass alone
+    assert separation(dull, *seen) < 0.1
+
+
 def test_a_balance_reads_whatever_changes_the_mass(setup):
     """The planned weighing of every effect, against differences of the mass that a fit would have as a reading."""
     context = EffectContext(117e3, ("s11", "d31", "eps33T"), setup.constants, AXES, DENSITY, SIZE[2], 2e3, SIZE)
