@@ -262,7 +262,7 @@ def _distribution_line(one: Distribution) -> str:
         f"{one.quantity:13s} median {factor * one.centre:.5g}{unit}, robust std {_share(one.sigma, one.centre)}"
         + ("" if one.measurement is None else f", std of one measurement {_share(one.measurement, one.centre)}")
         + f", limits {low:.5g} … {high:.5g}{unit} ({beyond})"
-        + (f", drifts by {one.drift / abs(one.centre):+.2%} over the lot (p = {one.drift_p:.1g})" if one.drifts else "")
+        + (f", drifts by {one.drift / one.centre:+.2%} over the lot (p = {one.drift_p:.1g})" if one.drifts else "")
     )
 
 

@@ -15,7 +15,7 @@ from femu_piezo.extraction.covariance import Spread
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.order import MAX_LOSS, MAX_PHASE
 from femu_piezo.resonances import Kind, Resonance, ResonanceSet, effective_coupling
-from femu_piezo.units import hertz, number
+from femu_piezo.units import hertz
 
 MAX_RELATIVE_STD_LOSS = 0.35  # a resonance has its loss known to better than this
 MIN_RESIDUE_SIGMA = 4.0  # |residue| in units of its standard deviation
@@ -35,7 +35,8 @@ class Pair:
     coupling_phase : arg(1 − λ_pole/λ_zero), rad: the loss angle of k_eff². k² = d²/(s ε) has the angle
         tan δ + tan φ − 2 tan θ (dielectric, elastic, piezoelectric loss tangent), so the quality factor is
         higher at the zero than at the pole where the piezoelectric loss is above the mean of the other two
-        (Zhuang, Ural, Tajima, Uchino et al., J. Appl. Phys. 105 (2009) 084110, for Q_A and Q_B)
+        (Zhuang, Ural, Tajima, Uchino et al., J. Appl. Phys. 105 (2009) 084110, for Q_A and Q_B). k_eff² is not
+        proportional to k²: of fundamentals its angle is 1.0 (k31 bar) to 1.12 (k33 bar, k = 0.7) times that of k²
     std_coupling_phase : its standard deviation, nan as above
     """
 
@@ -56,7 +57,7 @@ class Pair:
             f"Q is {self.pole.quality_factor:.0f} at {hertz(self.pole.frequency_Hz)} Hz (pole) and "
             f"{self.zero.quality_factor:.0f} at {hertz(self.zero.frequency_Hz)} Hz (zero): the piezoelectric loss "
             f"tangent lies {'above' if above else 'below'} the mean of the dielectric and elastic ones, "
-            f"2 tan θ − tan δ − tan φ = {number(-self.coupling_phase, self.std_coupling_phase)}"
+            f"2 tan θ − tan δ − tan φ is about {-self.coupling_phase:.2g}"
         )
 
 

@@ -256,7 +256,7 @@ class PiezoConstants(_Constants):
                 message = f"{', '.join(names)} together are not positive definite: no stable material has them"
                 faults.append(MaterialFault("unstable", message))
             if passive and loss < -tolerance:
-                without = [name for name in names if getattr(self, name).imag == 0]
+                without = self._lacking_tangents(index, tolerance)
                 message = f"the imaginary parts of {', '.join(names)} would create energy (Holland 1967): " + (
                     f"{', '.join(without)} have no loss tangent, as the others have; give one of each"
                     if without
@@ -264,6 +264,17 @@ class PiezoConstants(_Constants):
                 )
                 faults.append(MaterialFault("active", message))
         return faults
+
+    def _lacking_tangents(self, index: int, tolerance: float) -> list[str]:
+        """Constants of a block without a loss tangent, where that of the others would make the block passive."""
+        values = {name: getattr(self, name) for name in _BLOCKS[index][1]}
+        without = [name for name, value in values.items() if value.imag == 0 and value.real != 0]
+        others = [-value.imag / value.real for value in values.values() if value.imag]
+        if not without or not others:
+            return []
+        tangent = float(np.median(others))
+        filled = self.with_values(**{name: values[name].real * (1 - 1j * tangent) for name in without})
+        return without if np.linalg.eigvalsh(filled.loss_block(index))[0] >= -tolerance else []
 
     def check(self, where: str = "material", *, passive: bool = True) -> PiezoConstants:
         """Return self, or raise InputError naming the unphysical constants; passive : as in `physical_faults`."""

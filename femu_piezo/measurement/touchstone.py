@@ -37,7 +37,7 @@ def is_touchstone(path: Path) -> bool:
 
 
 def read_touchstone(text: str, source: str, connection: Connection | None = None) -> ImpedanceSpectrum:
-    """The sweep of a Touchstone file; its noise is from the roughness of S, and a note states the error of |Z|.
+    """The sweep of a Touchstone file; of S its noise is from the roughness, and a note states the error of |Z|.
 
     Parameters
     ----------
@@ -70,6 +70,8 @@ def read_touchstone(text: str, source: str, connection: Connection | None = None
     frequency, impedance, slope, seen = (values[order] for values in (frequency, impedance, slope, seen))
     if np.any(np.diff(frequency) == 0):
         raise InputError(f"{source}: frequencies repeat; export one sweep")
+    if _parameter(text) != "S":  # of what the instrument saw nothing is known
+        return ImpedanceSpectrum(frequency, impedance, source=source)
     noise, note = _noise(frequency, seen, impedance, slope, kind, float(np.real(reference[0, 0])), source)
     return ImpedanceSpectrum(frequency, impedance, noise, source, (note,), noise_estimated=noise is not None)
 
@@ -131,10 +133,22 @@ def _as_impedances(text: str) -> str | None:
     Its numbers are y = Y R (Touchstone 1.1), but scikit-rf 2.2 takes them for Y/R and multiplies by R, which is right
     only for z = Z/R. Read as Z they are multiplied by R as well, and `_parse` divides by R².
     """
-    options = re.search(r"^\s*#[^!\n]*", text, re.MULTILINE)
-    if options is None or "[version]" in text.lower() or not re.search(r"\bY\b", options[0], re.IGNORECASE):
+    options = _options(text)
+    if options is None or "[version]" in text.lower() or _parameter(text) != "Y":
         return None
     return text[: options.start()] + re.sub(r"\bY\b", "Z", options[0], flags=re.I) + text[options.end() :]
+
+
+def _options(text: str) -> re.Match | None:
+    """The option line."""
+    return re.search(r"^\s*#[^!\n]*", text, re.MULTILINE)
+
+
+def _parameter(text: str) -> str:
+    """What the file holds: S, where the option line says nothing, Z, Y …"""
+    options = _options(text)
+    found = None if options is None else re.search(r"\b[SYZGH]\b", options[0], re.IGNORECASE)
+    return "S" if found is None else found[0].upper()
 
 
 def _connection(s: np.ndarray, reference: np.ndarray, source: str) -> Connection:

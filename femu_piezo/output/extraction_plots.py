@@ -26,6 +26,7 @@ DATA = {"color": "#222222", "marker": ".", "linestyle": "none", "markersize": 3.
 FIT = {"color": "#c0392b", "linewidth": 1.3}
 POLE, ZERO = "#1f6fb4", "#2a8a4a"
 LABELLED = 6  # most resonances in the text
+_LINE = 0.145  # inches of a line of the text
 
 
 def extraction_figure(extraction: Extraction) -> Figure:
@@ -38,8 +39,10 @@ def extraction_figure(extraction: Extraction) -> Figure:
     places = [["magnitude", "poles"], ["phase", "zeros"], ["residual", "text"]]
     if not fitted:
         places = [["magnitude", "text"], ["phase", "text"]]
-    figure = Picture(figsize=(11.5, 9.0 if fitted else 6.0), layout="constrained")
-    axes = figure.subplot_mosaic(places, gridspec_kw={"height_ratios": [3, 3, 2.4][: len(places)]})
+    summary = _summary(extraction)
+    heights = [3.0, 3.0, max(2.4, _LINE * (summary.count("\n") + 1))] if fitted else [3.0, 3.0]
+    figure = Picture(figsize=(11.5, sum(heights) + 0.6 * (len(heights) - 2)), layout="constrained")
+    axes = figure.subplot_mosaic(places, gridspec_kw={"height_ratios": heights})
     for name in axes.keys() - {"magnitude", "text"}:
         axes[name].sharex(axes["magnitude"])
         axes[name].set_xlabel(label)
@@ -50,9 +53,7 @@ def extraction_figure(extraction: Extraction) -> Figure:
             _stabilization(extraction, axes[name], diagram, name, factor)
     axes["magnitude"].set_xscale("log" if _is_wide(extraction) else "linear")
     axes["text"].axis("off")
-    axes["text"].text(
-        0.0, 1.0, _summary(extraction), va="top", family="monospace", fontsize=8.5, transform=axes["text"].transAxes
-    )
+    axes["text"].text(0.0, 1.0, summary, va="top", family="monospace", fontsize=8.5, transform=axes["text"].transAxes)
     words = f"poles and zeros ({extraction.method.replace('_', ' ')})" if fitted else "nothing could be extracted"
     figure.suptitle(f"{as_it_stands(Path(extraction.spectrum.source).name)}: {words}")
     return figure

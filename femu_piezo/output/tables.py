@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from femu_piezo.standards.figures import Figure, StandardFigures
     from femu_piezo.study.expectation import Expectation, Improvement
     from femu_piezo.study.identify import IdentifyResult
+    from femu_piezo.study.measured import Measured
     from femu_piezo.study.modes import ModesResult
     from femu_piezo.study.noise_study import Setting
     from femu_piezo.study.plan import Plan
@@ -95,7 +96,7 @@ def update_table(result: UpdateResult) -> RenderableType:
     ]
     lines += [
         f"{outcome.measured.problem.specimen.name}: rms |Δ log Z| baseline {100 * outcome.rms_before:.3g} %, updated "
-        f"{100 * outcome.rms_after:.3g} %; k_eff = {outcome.measured.pair.k_eff:.4f}; {outcome.unknowns} unknowns"
+        f"{100 * outcome.rms_after:.3g} %; {_coupling_words(outcome.measured)}{outcome.unknowns} unknowns"
         for outcome in result.outcomes
     ]
     if result.temperature is not None:
@@ -103,6 +104,11 @@ def update_table(result: UpdateResult) -> RenderableType:
     if result.provenance is not None and len(result.outcomes) > 1:
         lines += [f"{name} from {_shares(shares)}" for name, shares in result.provenance.items()]
     return Group(*parts, text_of([*lines, *reading_words(result.fit), *note_lines(result.notes)]))
+
+
+def _coupling_words(measured: Measured) -> str:
+    """k_eff of the fundamental; nothing where another sweep of the specimen holds that."""
+    return f"k_eff = {measured.pair.k_eff:.4f}; " if measured.holds_fundamental else ""
 
 
 def _per_kelvin(series: TemperatureSeries) -> list[str]:

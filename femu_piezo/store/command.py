@@ -133,12 +133,12 @@ def _difference(control: Control, lot: str) -> str:
     if lot not in means.lots or not means.centre:
         return "-"
     index = means.lots.index(lot)
-    to_percent = _PERCENT / abs(means.centre)
+    to_percent = _PERCENT / means.centre  # of a negative constant, its magnitude counts
     difference = signed(to_percent * (means.mean[index] - means.centre), ".2f")
     if means.within is None:
         return difference
     mark = "*" if index in means.beyond else ""
-    return f"{difference} ± {to_percent * means.within / np.sqrt(means.count[index]):.2f}{mark}"
+    return f"{difference} ± {abs(to_percent) * means.within / np.sqrt(means.count[index]):.2f}{mark}"
 
 
 def _charts_table(charts: Sequence[Control]) -> Table:
@@ -160,7 +160,7 @@ def _charts_table(charts: Sequence[Control]) -> Table:
             f"needs {FEWEST}" if single is None else f"{len(single.beyond)} of {control.values.size}",
             _in_percent(means.within, means.centre),
             _in_percent(drift.between if drift is not None and drift.of_lots else None, means.centre),
-            "-" if drift is None or not means.centre else _drift_words(_PERCENT / abs(means.centre), drift),
+            "-" if drift is None or not means.centre else _drift_words(_PERCENT / means.centre, drift),
         )
     return table
 
@@ -172,4 +172,4 @@ def _in_percent(size: float | None, centre: float) -> str:
 
 def _drift_words(size: float, drift) -> str:
     mark = "*" if drift.significant else ""
-    return f"{size * drift.per_month:+.2g} ± {size * drift.std:.2g} %{mark}"
+    return f"{size * drift.per_month:+.2g} ± {abs(size) * drift.std:.2g} %{mark}"

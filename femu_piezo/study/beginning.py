@@ -85,8 +85,8 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     _, constants, histories = min(found, key=lambda item: item[0])
     if not faults:
         constants = _away_from_wall(constants, problem.fitted)
-    of_piece = dict(zip(leading, histories, strict=True))
-    return Beginning(constants, tuple(of_piece[one.piece.name] for one in every))
+    of_leading = dict(zip(map(id, leading.values()), histories, strict=True))
+    return Beginning(constants, tuple(of_leading.get(id(one), no_history(one.problem)) for one in every))
 
 
 def _is_of_overtones(one: Measured) -> bool:

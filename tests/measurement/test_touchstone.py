@@ -66,10 +66,10 @@ def test_one_port_in_every_form(tmp_path, form, version, parameter, reference):
     found = read_spectrum(path)
     np.testing.assert_allclose(found.frequency, FREQUENCY, rtol=1e-12)
     assert np.max(np.abs(found.impedance / IMPEDANCE - 1)) < 1e-9
-    told = (
-        50 if (version, parameter) != ("1.0", parameter) and parameter != "S" else reference
-    )  # the reference that scikit-rf then writes, ohm
-    assert f"reflection against {told:g} ohm" in found.notes[0]
+    if parameter == "S":
+        assert f"reflection against {reference:g} ohm" in found.notes[0]
+    else:  # what the instrument saw is not known
+        assert not found.notes and found.noise is None
 
 
 def test_admittances_of_version_1_are_normalised(tmp_path):

@@ -59,8 +59,8 @@ assert abs(resistance.value - 1.5) < 3 * resistance.std < 0.15
 # ## Pole by pole
 #
 # The resistance hardly changes the frequencies. It reduces Q at the poles, where |Z| is small and 1.5 Ω matters. The
-# fit without the resistance compensates for this by the loss tangents: too much loss at one resonance, too little at
-# the next.
+# fit without the resistance compensates for this by the loss tangents: too much loss at every pole, more at some
+# than at others, and no tangents are right for all.
 
 # %%
 base, final = result.pole_zero
