@@ -99,6 +99,13 @@ def test_drift_is_found_and_outliers_are_those_from_its_line():
     assert [item.file for item in lot.outliers] == ["p6.csv"]
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_growing_magnitude_drifts_upwards_in_per_cent(sign):
+    """Whatever the sign of the constant, as d31 has: 6 σ of 1.2 % each."""
+    values = sign * (clean(100, 3) + np.linspace(-3, 3, 100) * SIGMA)
+    assert "drifts by +7." in lot_text(lot_of(rows(values)))
+
+
 def test_failed_rows_count_and_equal_values_are_no_outliers():
     lot = lot_of([*rows(np.full(20, CENTRE)), {"number": 21, "file": "x", "status": "failed", "reason": "broken"}])
     assert lot.counts == {"specimens": 21, "ok": 20, "failed": 1, "lost": 0}

@@ -129,6 +129,19 @@ def test_faults_have_a_kind(change, kind):
     assert bool(constants.physical_faults(passive=False)) == (kind != "active")
 
 
+def test_a_missing_loss_tangent_is_blamed_only_where_it_would_help():
+    """Not a constant that is zero, and not one whose own tangent leaves the material active, as that of d33 is too
+    large.
+    """
+    lossy = {name: getattr(PZT, name).real * (1 - 0.015j) for name in D_FORM}
+    without = PZT.with_values(**lossy | {"s11": lossy["s11"].real})
+    assert "s11 have no loss tangent" in str(without.physical_faults()[0])
+    too_large = lossy | {"d33": lossy["d33"].real * (1 - 0.05j)}
+    for also in ({"d31": 0.0}, {"s12": lossy["s12"].real}):
+        (fault,) = (one for one in PZT.with_values(**too_large | also).physical_faults() if one.kind == "active")
+        assert "that of d is too large" in str(fault) and "have no" not in str(fault)
+
+
 def test_passivity_is_hollands_condition():
     """Im s11 Im ε33T ≥ (Im d31)² with all other constants lossless: violated just beyond equality."""
     tan = 0.02

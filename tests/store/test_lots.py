@@ -239,6 +239,23 @@ def test_a_quantity_with_the_mean_zero_has_no_per_cent(tmp_path, steps):
     assert (tmp_path / "out" / "lots.png").exists() and "nan" not in found.output
 
 
+def test_a_negative_constant_of_growing_magnitude_rises_in_per_cent(tmp_path):
+    """d31 of three lots, 1 % larger in magnitude each month."""
+    database = Database("sqlite", tmp_path)
+    for month in range(3):
+        of_pieces = [-270e-12 * (1 + 0.01 * month + 1e-4 * number) for number in range(4)]
+        time = datetime(2026, 1 + month, 5)
+        pieces = [entry(10 * month + number, time, d31=d31) for number, d31 in enumerate(of_pieces)]
+        write(database, pieces, f"lot {month}")
+    database.close()
+    said = run("lots", "--store", tmp_path, "--quantity", "d31", "--out", tmp_path / "out")
+    of_lots = [line.split("│")[2] for line in said.splitlines() if line.startswith("│ lot") and "±" in line]
+    assert float(of_lots[0].split("±")[0]) == pytest.approx(-1.0, abs=0.05)
+    assert float(of_lots[2].split("±")[0]) == pytest.approx(1.0, abs=0.05)
+    drift = next(line for line in said.splitlines() if line.startswith("│ d31")).split("│")[-2]
+    assert drift.strip().startswith("+")
+
+
 def test_an_empty_store_is_reported(tmp_path):
     database = Database(str(tmp_path / "line.sqlite"), Path())
     write(database, [])

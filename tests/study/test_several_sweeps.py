@@ -212,6 +212,9 @@ def test_fundamental_in_one_sweep_and_overtone_in_another(bench, bases):
         assert abs(one.value - truth()[NAMES.index(name)].real) < 3 * one.std, name
     assert all(outcome.rms_after < 1.3e-3 for outcome in result.outcomes)
     assert result.figures[1] == ()
+    # k_eff and the steps of the start belong to the sweep with the fundamental alone
+    assert len(result.outcomes[0].history) == result.iterations + 1 and len(result.outcomes[1].history) == 1
+    assert str(result).count("k_eff = ") == 1
 
 
 def test_the_instrument_errs_by_its_accuracy_in_every_sweep(bench):
