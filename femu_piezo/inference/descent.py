@@ -180,7 +180,9 @@ class Descent:
                     self._promised_at = self.x
                 if self.promised_gain < gain and settled:
                     if gain <= CLOSE:
-                        self.x, self.parts = self._ahead, self.posterior.parts(self._ahead, self.parts[1])
+                        ahead = self.posterior.parts(self._ahead, self.parts[1])
+                        if self.cost(ahead, self.level) < here:  # not where a curved wall is in the way
+                            self.x, self.parts = self._ahead, ahead
                     return self
                 count, promised, ahead = count + 1, False, self._ahead
                 if self.promised_gain < gain:  # only the level has not settled

@@ -214,7 +214,9 @@ def read_curve(
     }
     known = {name: float(value) for name, value in values.items() if value is not None}
     relative = 0.0 if noise is None else _deviation_between(low.frequency_Hz, points[0], noise) / np.sqrt(2)
-    return CurveFigures(known, notes + low.notes, piece.poisson, _reading_deviations(known, relative))
+    return CurveFigures(
+        known, notes + low.notes, piece.poisson, _reading_deviations(known, relative, low.frequency_Hz == STATED)
+    )
 
 
 def _deviation_between(at: float, frequency: np.ndarray, noise: np.ndarray) -> float:
@@ -224,11 +226,15 @@ def _deviation_between(at: float, frequency: np.ndarray, noise: np.ndarray) -> f
     return float(np.hypot((1 - share) * noise[behind - 1], share * noise[behind]))
 
 
-def _reading_deviations(values: dict[str, float], relative: float) -> dict[str, float]:
-    """Deviations of C, ε and tan δ, where the real and the imaginary part of one reading have a relative one."""
+def _reading_deviations(values: dict[str, float], relative: float, at_stated: bool) -> dict[str, float]:
+    """Deviations of C, ε and tan δ, where the real and the imaginary part of one reading have a relative one.
+
+    at_stated : whether C was read at `STATED`; extrapolated to it C and ε have the error of a formula, which is larger
+    """
     if not relative:
         return {}
-    found = {name: abs(values[name]) * relative for name in ("C_T", "eps33T", "eps11T") if name in values}
+    read = ("C_T", "eps33T", "eps11T") if at_stated else ()
+    found = {name: abs(values[name]) * relative for name in read if name in values}
     return found | ({"tan_delta": relative} if "tan_delta" in values else {})
 
 
