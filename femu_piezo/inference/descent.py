@@ -19,8 +19,7 @@ from femu_piezo.threads import Once, in_parallel
 
 #: A coarse fit, one that is to be ranked and a close one stop where the next step promises a smaller gain in χ² (at the
 #: noise level) than this. The gain is also Σ (distance of an unknown from the minimum over its standard deviation)².
-#: A close fit makes this last step as well, and keeps the Jacobian from before it.
-COARSE, RANKED, CLOSE = 1.0, 0.03, 3e-3
+COARSE, RANKED, CLOSE = 1.0, 0.03, 1e-6
 #: Most evaluations of a coarse fit, and of the others.
 FEW, MANY = 12, 100
 #: A descent is on its way while its next step promises more than this share of χ². Several descents are compared once
@@ -70,16 +69,10 @@ class Posterior:
     parameters: Unknowns
     _kept: Once = field(default_factory=lambda: Once(_PLACES), init=False, repr=False, compare=False)
 
-    def parts(self, x: np.ndarray, jacobian: np.ndarray | None = None) -> Parts:
-        """Residuals and Jacobians at x (n_x,).
-
-        jacobian : (2k, n_x) of the data, to be taken over from a point next to x; computed where None
-        """
-        if jacobian is None:
-            residual, jacobian = self.data.whitened(*self.response.with_jacobian(self.parameters, x))
-        else:
-            residual = self.data.whitened_error(self.response.impedance(self.parameters, x))
-        return residual, jacobian, *further_rows(self.parameters, x, self.walls_and_readings(x))
+    def parts(self, x: np.ndarray) -> Parts:
+        """Residuals and Jacobians at x (n_x,)."""
+        data = self.data.whitened(*self.response.with_jacobian(self.parameters, x))
+        return *data, *further_rows(self.parameters, x, self.walls_and_readings(x))
 
     def walls_and_readings(self, x: np.ndarray) -> WallsAndReadings:
         """Walls and readings at x (n_x,), which need no Z; kept, as a step and `parts` ask for them at the same x."""
@@ -99,9 +92,9 @@ class MovedPosterior(Posterior):
     moved: np.ndarray
     pulled: np.ndarray
 
-    def parts(self, x: np.ndarray, jacobian: np.ndarray | None = None) -> Parts:
+    def parts(self, x: np.ndarray) -> Parts:
         """Residuals and Jacobians at x (n_x,)."""
-        residual, jacobian, further, slopes = super().parts(x, jacobian)
+        residual, jacobian, further, slopes = super().parts(x)
         further[: x.size] += self.pulled[: x.size]
         return residual + self.moved, jacobian, further, slopes
 
@@ -179,10 +172,6 @@ class Descent:
                     self._ahead, self.promised_gain = self._stepped(self.x, linear)
                     self._promised_at = self.x
                 if self.promised_gain < gain and settled:
-                    if gain <= CLOSE:
-                        ahead = self.posterior.parts(self._ahead, self.parts[1])
-                        if self.cost(ahead, self.level) < here:  # not where a curved wall is in the way
-                            self.x, self.parts = self._ahead, ahead
                     return self
                 count, promised, ahead = count + 1, False, self._ahead
                 if self.promised_gain < gain:  # only the level has not settled

@@ -129,12 +129,8 @@ class SweepData:
         ----------
         impedance : (k,) of a model, ohm;  tangents : (k, n_x) its slopes
         """
-        slopes = tangents / impedance[:, None]
-        return self.whitened_error(impedance), stacked(self.over_noise(slopes))
-
-    def whitened_error(self, impedance: np.ndarray) -> np.ndarray:
-        """The residual of `whitened` alone."""
-        return stacked(self.over_noise(np.log(impedance / self.impedance)))
+        difference, slopes = np.log(impedance / self.impedance), tangents / impedance[:, None]
+        return stacked(self.over_noise(difference)), stacked(self.over_noise(slopes))
 
 
 def level_std(noise_known: bool) -> float:
