@@ -48,17 +48,17 @@ def find_lossless(spectrum: ImpedanceSpectrum) -> list[Finding]:
     """
     cosine = spectrum.impedance.real / np.abs(spectrum.impedance)
     largest, resonant = (cosine.max(), -cosine.min()), spectrum.impedance.imag.max() > 0
+    tangents = "give the material loss tangents such as tan_s11 = 0.015"
     if np.all(np.abs(cosine) <= 1e-9):
-        how = "at all"
+        words = f"at all, so its resonances have no width: it is simulated without loss; {tangents}"
     elif resonant and max(largest) < NOISE_ALONE * min(largest):
-        how = "beyond its noise"
+        words = (
+            "beyond its noise, so its resonances are far narrower than the steps of the frequency, or it is simulated "
+            f"without loss: measure closer points about a resonance, or {tangents}"
+        )
     else:
         return []
-    sentence = (
-        f"the sweep has no resistance {how}, so its resonances have no width: it is simulated without loss; give the "
-        "material loss tangents such as tan_s11 = 0.015"
-    )
-    return [Finding("lossless", sentence)]
+    return [Finding("lossless", f"the sweep has no resistance {words}")]
 
 
 def gravest_first(findings: list[Finding]) -> tuple[Finding, ...]:
@@ -156,6 +156,15 @@ def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
     """Findings of no resonance at all, or of poles without zeros and zeros without poles at the ends of the sweep."""
     low, high = spectrum.frequency[0], spectrum.frequency[-1]
     poles, zeros = roots.sound_and_doubtful("pole"), roots.sound_and_doubtful("zero")
+    if not poles and not zeros and roots.outside:
+        nearest = min(roots.outside, key=lambda one: abs(np.log(one.frequency_Hz**2 / (low * high))))
+        return [
+            Finding(
+                "no_resonance",
+                f"no pole or zero lies between {hertz(low)} and {hertz(high)} Hz; a {nearest.kind} is seen beyond, at "
+                f"an extrapolated {hertz(nearest.frequency_Hz)} Hz: widen the sweep",
+            )
+        ]
     if not poles and not zeros:
         return [
             Finding(

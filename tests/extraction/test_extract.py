@@ -211,6 +211,15 @@ def test_what_lies_outside_is_named(low, high, status, poles, zeros):
         assert abs(r.eigenvalue / truth - 1) < 1e-4
 
 
+def test_a_sweep_between_a_pole_and_its_zero_is_to_be_widened():
+    """Neither lies inside, and both are seen."""
+    pole, zero = (np.sqrt(one.real) / (2 * np.pi) for one in (BAR.pole(1), BAR.zero(1)))
+    inside = np.linspace(pole + 0.1 * (zero - pole), zero - 0.3 * (zero - pole), 301)
+    found = extract(sweep(BAR, inside, relative=1e-4, seed=5))
+    assert found.status == "no_resonance"
+    assert f"a pole is seen beyond, at an extrapolated {pole:.0f}"[:-1] in found.findings[0].sentence
+
+
 @pytest.mark.parametrize(
     ("missing", "far", "words"),
     [
