@@ -85,8 +85,13 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     _, constants, histories = min(found, key=lambda item: item[0])
     if not faults:
         constants = _away_from_wall(constants, problem.fitted)
-    of_leading = dict(zip(map(id, leading.values()), histories, strict=True))
-    return Beginning(constants, tuple(of_leading.get(id(one), no_history(one.problem)) for one in every))
+
+    def history(one: Measured) -> tuple[Step, ...]:
+        """That of a leading sweep; no other one takes part in the pole-zero update."""
+        own = (steps for lead, steps in zip(measured, histories, strict=True) if lead is one)
+        return next(own, no_history(one.problem))
+
+    return Beginning(constants, tuple(map(history, every)))
 
 
 def _is_of_overtones(one: Measured) -> bool:
