@@ -9,15 +9,14 @@ from matplotlib.ticker import MaxNLocator
 
 from femu_piezo.batch.lot import FEWEST, Distribution, Lot, counts_words
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.picture import Picture, as_it_stands
+from femu_piezo.output.picture import Picture, as_it_stands, margins
 
 _POINTS = {"color": "#1f6fb4", "marker": ".", "linestyle": "none", "markersize": 4}
 _LIMIT = {"color": "#8c8c8c", "linewidth": 1.0, "linestyle": "--"}
 _OUTLIER = {"color": "#c0392b", "marker": "o", "markerfacecolor": "none", "linestyle": "none", "markersize": 7}
 _LABELLED = 12  # most outliers with a label in each chart
-#: Size of a chart with its histogram, and room beside all of them: left, right, below, above, in inches. Set by hand,
-#: as finding it takes matplotlib twice as long as drawing.
-_WIDTH, _HEIGHT, _ROOM = 11.0, 1.9, (1.0, 0.15, 0.6, 0.45)
+#: Room beside all charts: left, right, below, above, inches.
+_ROOM = 1.0, 0.15, 0.6, 0.45
 #: Outliers further off than this, in robust standard deviations, are drawn on the edge of the chart.
 _SHOWN = 12.0
 
@@ -25,11 +24,9 @@ _SHOWN = 12.0
 def lot_figure(lot: Lot) -> Figure:
     """One row per quantity: values with control limits, drift and outliers by file name and cause; histogram."""
     rows = max(1, len(lot.distributions))
-    left, right, below, above = _ROOM
-    height = below + _HEIGHT * rows + above
-    figure = Picture(figsize=(_WIDTH, height))
-    grid = {"left": left / _WIDTH, "right": 1 - right / _WIDTH, "bottom": below / height, "top": 1 - above / height}
-    grid |= {"width_ratios": [4, 1], "hspace": 0.1, "wspace": 0.03}
+    size = 11.0, 1.05 + 1.9 * rows
+    figure = Picture(figsize=size)
+    grid = margins(size, *_ROOM) | {"width_ratios": [4, 1], "hspace": 0.1, "wspace": 0.03}
     axes = figure.subplots(rows, 2, squeeze=False, sharex="col", gridspec_kw=grid)
     for one, (chart, histogram) in zip(lot.distributions, axes, strict=False):
         factor, unit = PRINTED.get(one.quantity, (1.0, ""))
@@ -56,7 +53,7 @@ def lot_figure(lot: Lot) -> Figure:
     looked_for = any(one.values.size >= FEWEST for one in lot.distributions)
     outliers = f"{len({item.number for item in lot.outliers})} with outliers"
     words = outliers if looked_for else f"outliers are not looked for below {FEWEST} values"
-    figure.suptitle(f"{counts_words(lot)}; {words}", fontsize=11, y=1 - 0.3 * above / height)
+    figure.suptitle(f"{counts_words(lot)}; {words}", fontsize=11, y=1 - 0.14 / size[1])
     return figure
 
 

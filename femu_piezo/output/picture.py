@@ -25,6 +25,16 @@ def as_it_stands(text: str) -> str:
     return text.replace("$", r"\$")
 
 
+def margins(size: tuple[float, float], left: float, right: float, below: float, above: float) -> dict[str, float]:
+    """Places of the edges of a grid of charts for `gridspec_kw`, of room beside it on a page of a size, all in inches.
+
+    For many charts below each other: to find a layout for them takes matplotlib twice as long as to draw them, and
+    aligned labels then stand where they were before it.
+    """
+    width, height = size
+    return {"left": left / width, "right": 1 - right / width, "bottom": below / height, "top": 1 - above / height}
+
+
 class PowersOfTen(LogFormatterSciNotation):
     """Ticks 10³ and 2×10³ as plain text, which is laid out in a tenth of the time that formulas take."""
 

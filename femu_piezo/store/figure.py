@@ -12,12 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.picture import Picture, as_it_stands
+from femu_piezo.output.picture import Picture, as_it_stands, margins
 from femu_piezo.store.control import MONTH_S, RUN, Control, Drift
 
 _POINT, _LINE, _LIMIT, _BEYOND = "#1f6fb4", "#222222", "#8c8c8c", "#c0392b"
 _PIECES = f"single pieces: limits from the moving range of two; red: beyond, orange: {RUN} on one side"
 _MEANS = "lots: mean, limits from the scatter within lots; drift ± σ, red where significant"
+#: Room beside all charts: left, right, below, above, inches.
+_ROOM = 1.0, 0.2, 0.65, 0.4
 #: Most lots whose names are written at their points.
 _LABELLED = 14
 
@@ -25,8 +27,10 @@ _LABELLED = 14
 def lots_figure(controls: Sequence[Control]) -> Figure:
     """One row for each quantity: single pieces on the left, lots on the right."""
     rows = max(1, len(controls))
-    figure = Picture(figsize=(12.0, 1.0 + 2.3 * rows), layout="constrained")
-    axes = figure.subplots(rows, 2, squeeze=False, sharex="col")
+    size = 12.0, 1.05 + 2.3 * rows
+    figure = Picture(figsize=size)
+    grid = margins(size, *_ROOM) | {"hspace": 0.08, "wspace": 0.2}
+    axes = figure.subplots(rows, 2, squeeze=False, sharex="col", gridspec_kw=grid)
     for control, (left, right) in zip(controls, axes, strict=False):
         factor, unit = PRINTED.get(control.quantity, (1.0, ""))
         left.set_ylabel(f"{control.quantity}{f' ({unit})' if unit else ''}")
