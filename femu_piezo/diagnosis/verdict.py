@@ -13,9 +13,9 @@ from femu_piezo.diagnosis.whiteness import Remaining, noise_level_of, remaining_
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit
 
-#: Log odds of a set with another cause in place of the named one, below which its fit shows that the two differ,
-#: whatever their tangents say: a misfit of 10 σ. A smaller one may be that of a fit in another minimum.
-_REFUTED = -50.0
+#: Misfit in σ of a fit with another cause in place of the named one, from which the two differ whatever their tangents
+#: say: at least so large, and this share of what the named one changes, as the laws of causes are approximate.
+_REFUTED, _OF_CHANGE = 10.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,8 @@ def _cause(found: NamedCause, comparison: Comparison, moves: list[Tangent], genu
     tangent = next(t for t in moves if t.effect.key == effect.key)
     size = float(np.max(np.abs((values - effect.rest) / effect.scale)[effect.sizes]))
     alike = [other.title for other in comparison.indistinguishable_from[effect.key]]
-    refuted = {trial.effect.title for trial in found.fits if trial.fit is not None and trial.log_odds < _REFUTED}
+    odds = -0.5 * max(_REFUTED, _OF_CHANGE * tangent.visible * size) ** 2
+    refuted = {trial.effect.title for trial in found.fits if trial.fit is not None and trial.log_odds < odds}
     others = [t for t in moves if t.effect.title not in refuted | {effect.title}]
     alike += [t.effect.title for t in others if parallel(tangent, t, size)]
     if tangent.hides(size):

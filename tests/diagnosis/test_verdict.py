@@ -19,12 +19,16 @@ def effect(name: str) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize(
-    ("log_odds", "fitted", "alike"), [(-20.0, True, True), (-300.0, True, False), (-300.0, False, True)]
+    ("change", "log_odds", "fitted", "alike"),
+    [(20.0, -20.0, True, True), (20.0, -300.0, True, False), (20.0, -300.0, False, True), (400.0, -300.0, True, True)],
 )
-def test_a_fit_that_is_far_worse_refutes_parallel_tangents(log_odds, fitted, alike):
-    """Both effects change the sweep by 20 σ in the same direction; a fit that did not settle shows nothing."""
+def test_a_fit_that_is_far_worse_refutes_parallel_tangents(change, log_odds, fitted, alike):
+    """Both effects change the sweep by so many σ in the same direction; a misfit of 24 σ is much of 20, little of 400.
+
+    A fit that did not settle shows nothing.
+    """
     mass, length = effect("end_mass"), effect("wrong_length")
-    moves = [Tangent(one, np.array([[20.0], [0.0]]), 20.0, "s11") for one in (mass, length)]
+    moves = [Tangent(one, np.array([[change], [0.0]]), change, "s11") for one in (mass, length)]
     parameters = SimpleNamespace(index=lambda key: 0, values=lambda x: [np.ones(1)])
     final = SimpleNamespace(parameters=parameters, x=None, std_of_effects=[np.full(1, 0.1)])
     comparison = SimpleNamespace(final=final, indistinguishable_from={"end_mass": ()})
