@@ -63,7 +63,10 @@ class Pool(Protocol):
 
 
 def load_program() -> None:
-    """Begin to load what workers need, in the process from which they fork, where there is one; returns at once."""
+    """Begin to load what workers need, in the process from which they fork, where there is one; returns at once.
+
+    Its libraries load for one thread: a process with threads cannot be forked safely.
+    """
     if not _FORKS:
         return
     from multiprocessing import forkserver, resource_tracker

@@ -156,36 +156,37 @@ def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
     """Findings of no resonance at all, or of poles without zeros and zeros without poles at the ends of the sweep."""
     low, high = spectrum.frequency[0], spectrum.frequency[-1]
     poles, zeros = roots.sound_and_doubtful("pole"), roots.sound_and_doubtful("zero")
-    if not poles and not zeros and roots.outside:
-        nearest = min(roots.outside, key=lambda one: abs(np.log(one.frequency_Hz**2 / (low * high))))
-        return [
-            Finding(
-                "no_resonance",
-                f"no pole or zero lies between {hertz(low)} and {hertz(high)} Hz; a {nearest.kind} is seen beyond, at "
-                f"an extrapolated {hertz(nearest.frequency_Hz)} Hz: widen the sweep",
-            )
-        ]
     if not poles and not zeros:
-        return [
-            Finding(
-                "no_resonance",
-                f"no resonance between {hertz(low)} and {hertz(high)} Hz can be distinguished from noise; "
-                "measure another band, or average more",
-            )
-        ]
+        return [Finding("no_resonance", _nothing_inside(roots, low, high))]
     out = []
     if len(poles) > len(zeros):
         above = [one.frequency_Hz for one in roots.outside if one.kind == "zero" and one.frequency_Hz > high]
-        out.append(Finding("zero_outside_sweep", _outside("antiresonance (zero)", "above", high, sorted(above))))
+        out.append(
+            Finding("zero_outside_sweep", _outside("antiresonance (zero)", "above", high, min(above, default=0)))
+        )
     if len(zeros) > len(poles):
         below = [one.frequency_Hz for one in roots.outside if one.kind == "pole" and one.frequency_Hz < low]
-        out.append(Finding("pole_outside_sweep", _outside("resonance (pole)", "below", low, sorted(below)[::-1])))
+        out.append(Finding("pole_outside_sweep", _outside("resonance (pole)", "below", low, max(below, default=0))))
     return out
 
 
-def _outside(word: str, side: str, end: float, there: list[float]) -> str:
-    """there : frequencies of extrapolated ones on that side, Hz, the nearest first"""
-    guess = f", at an extrapolated {hertz(there[0])} Hz, which is not reliable" if there else ""
+def _nothing_inside(roots: Roots, low: float, high: float) -> str:
+    """The sentence for a sweep without a pole or zero."""
+    if not roots.outside:
+        return (
+            f"no resonance between {hertz(low)} and {hertz(high)} Hz can be distinguished from noise; "
+            "measure another band, or average more"
+        )
+    nearest = min(roots.outside, key=lambda one: abs(np.log(one.frequency_Hz**2 / (low * high))))
+    return (
+        f"no pole or zero lies between {hertz(low)} and {hertz(high)} Hz; a {nearest.kind} is seen beyond, at "
+        f"an extrapolated {hertz(nearest.frequency_Hz)} Hz: widen the sweep"
+    )
+
+
+def _outside(word: str, side: str, end: float, nearest: float) -> str:
+    """nearest : frequency of the nearest extrapolated one on that side, Hz; 0 where there is none"""
+    guess = f", at an extrapolated {hertz(nearest)} Hz, which is not reliable" if nearest else ""
     return f"a mode has its {word} outside the sweep, {side} {hertz(end)} Hz{guess}; widen the sweep"
 
 

@@ -91,8 +91,13 @@ class Compensation:
             variance = variance + np.abs(slopes[name]) ** 2 * noise**2
         largest = float(np.max(np.abs(found / raw - 1)))
         note = f"compensated by {', '.join(names)} from raw files: Z changed by up to {100 * largest:.2g} %"
-        found_noise = {"noise": np.sqrt(variance), "noise_estimated": not spectrum.noise_known}
-        return replace(spectrum, impedance=found, notes=(*spectrum.notes, note), **found_noise)
+        return replace(
+            spectrum,
+            impedance=found,
+            noise=np.sqrt(variance),
+            noise_estimated=not spectrum.noise_known,
+            notes=(*spectrum.notes, note),
+        )
 
 
 def compensated(raw, open=None, short=None, load=None, known=None) -> np.ndarray:

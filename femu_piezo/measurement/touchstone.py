@@ -37,7 +37,7 @@ def is_touchstone(path: Path) -> bool:
 
 
 def read_touchstone(text: str, source: str, connection: Connection | None = None) -> ImpedanceSpectrum:
-    """The sweep of a Touchstone file; of S its noise is from the roughness, and a note states the error of |Z|.
+    """The sweep of a Touchstone file; of a file of S with a noise estimated from its roughness and a note on errors.
 
     Parameters
     ----------

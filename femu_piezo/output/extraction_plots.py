@@ -40,8 +40,8 @@ def extraction_figure(extraction: Extraction) -> Figure:
     if not fitted:
         places = [["magnitude", "text"], ["phase", "text"]]
     summary = _summary(extraction)
-    heights = [3.0, 3.0, max(2.4, _LINE * (summary.count("\n") + 1))] if fitted else [3.0, 3.0]
-    figure = Picture(figsize=(11.5, sum(heights) + 0.6 * (len(heights) - 2)), layout="constrained")
+    heights = [3.2, 3.2, max(2.6, _LINE * (summary.count("\n") + 1))] if fitted else [3.0, 3.0]
+    figure = Picture(figsize=(11.5, sum(heights)), layout="constrained")
     axes = figure.subplot_mosaic(places, gridspec_kw={"height_ratios": heights})
     for name in axes.keys() - {"magnitude", "text"}:
         axes[name].sharex(axes["magnitude"])

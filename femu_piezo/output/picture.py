@@ -26,10 +26,12 @@ def as_it_stands(text: str) -> str:
 
 
 def margins(size: tuple[float, float], left: float, right: float, below: float, above: float) -> dict[str, float]:
-    """Places of the edges of a grid of charts for `gridspec_kw`, of room beside it on a page of a size, all in inches.
+    """Edges of a grid of charts, as `gridspec_kw` takes them, that leave so much room beside it.
 
-    For many charts below each other: to find a layout for them takes matplotlib twice as long as to draw them, and
-    aligned labels then stand where they were before it.
+    For many charts below each other: matplotlib takes twice as long to find a layout as to draw them, and aligned
+    labels then stand where they were before it.
+
+    size : width and height of the whole picture, inches, as the room is
     """
     width, height = size
     return {"left": left / width, "right": 1 - right / width, "bottom": below / height, "top": 1 - above / height}

@@ -160,7 +160,7 @@ def _charts_table(charts: Sequence[Control]) -> Table:
             f"needs {FEWEST}" if single is None else f"{len(single.beyond)} of {control.values.size}",
             _in_percent(means.within, means.centre),
             _in_percent(drift.between if drift is not None and drift.of_lots else None, means.centre),
-            "-" if drift is None or not means.centre else _drift_words(_PERCENT / means.centre, drift),
+            "-" if drift is None or not means.centre else drift.in_percent(means.centre) + "*" * drift.significant,
         )
     return table
 
@@ -168,8 +168,3 @@ def _charts_table(charts: Sequence[Control]) -> Table:
 def _in_percent(size: float | None, centre: float) -> str:
     """A deviation in % of the mean, "-" where either is missing or the mean is zero."""
     return "-" if size is None or not centre else f"{_PERCENT * size / abs(centre):.2g} %"
-
-
-def _drift_words(size: float, drift) -> str:
-    mark = "*" if drift.significant else ""
-    return f"{size * drift.per_month:+.2g} ± {abs(size) * drift.std:.2g} %{mark}"

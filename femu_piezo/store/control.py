@@ -91,6 +91,10 @@ class Drift:
     significant: bool
     of_lots: bool
 
+    def in_percent(self, centre: float) -> str:
+        """Change per month and its deviation in % of a mean that is not 0; of a negative one the magnitude counts."""
+        return f"{100 * self.per_month / centre:+.2g} ± {100 * self.std / abs(centre):.2g} %"
+
 
 @dataclass(frozen=True)
 class Control:

@@ -97,5 +97,5 @@ def _draw_drift(axes: Axes, drift: Drift, centre: float, seconds: np.ndarray, fa
     axes.fill_between(when, factor * (line - half), factor * (line + half), color=color, alpha=0.15, linewidth=0)
     if not centre:
         return  # there is no share of it
-    words = f"{100 * drift.per_month / centre:+.2g} ± {100 * drift.std / abs(centre):.2g} % per month"
+    words = f"{drift.in_percent(centre)} per month"
     axes.text(0.99, 0.03, words, ha="right", transform=axes.transAxes, fontsize=8, color=color)
