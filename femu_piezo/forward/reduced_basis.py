@@ -6,6 +6,8 @@ so that the ratio between them can change with the constants.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
@@ -42,14 +44,24 @@ class ReducedBasis:
 
         keep : directions smaller than this share of the largest vector are dropped
         """
-        moved = vectors[: self.split]
-        new_u = new_directions(self.u, moved, keep * largest_norm(moved, self.mass), self.mass)
-        inner = vectors[self.split : -1] - np.outer(self.p[:-1, 0], vectors[-1] * POTENTIAL_SCALE)
-        new_p = new_directions(self.p[:-1, 1:], inner, keep * largest_norm(inner, self._dielectric), self._dielectric)
-        new_p = np.concatenate([new_p, np.zeros((1, new_p.shape[1]))])
-        self.u = np.hstack([self.u, new_u])
-        self.p = np.hstack([self.p, new_p])
-        return new_u.shape[1] + new_p.shape[1]
+        return self.add_all([vectors], keep)
+
+    def add_all(self, blocks: Iterable[np.ndarray], keep: float) -> int:
+        """`add` of several blocks of vectors, each (m, k); a vector counts as the largest in its block and later ones.
+
+        So the largest vectors come first.
+        """
+        before, largest_u, largest_p = self.u.shape[1] + self.p.shape[1], 0.0, 0.0
+        for vectors in blocks:
+            moved = vectors[: self.split]
+            largest_u = max(largest_u, largest_norm(moved, self.mass))
+            new_u = new_directions(self.u, moved, keep * largest_u, self.mass)
+            inner = vectors[self.split : -1] - np.outer(self.p[:-1, 0], vectors[-1] * POTENTIAL_SCALE)
+            largest_p = max(largest_p, largest_norm(inner, self._dielectric))
+            new_p = new_directions(self.p[:-1, 1:], inner, keep * largest_p, self._dielectric)
+            self.u = np.hstack([self.u, new_u])
+            self.p = np.hstack([self.p, np.concatenate([new_p, np.zeros((1, new_p.shape[1]))])])
+        return self.u.shape[1] + self.p.shape[1] - before
 
     def matrices(self) -> np.ndarray:
         """VᵗA_qV (n_terms, r, r); unknowns: displacements, inner potentials, hot potential in volts."""

@@ -22,7 +22,7 @@ from femu_piezo.forward.linear_solver import Factorization
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.forward.reduced_basis import ReducedBasis
-from femu_piezo.forward.training import TrainingSet, compressed, state_residuals, worst_change
+from femu_piezo.forward.training import TrainingSet, leading_residuals, worst_change
 from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
 from femu_piezo.threads import blas_limit, in_parallel, useful_threads
 
@@ -47,6 +47,9 @@ _SLOW, _POINTS_PER_ROUND, _SLOWEST = 0.2, 2, 0.9
 #: Residuals below `_LEAST_RESIDUAL` of the largest are not corrected, nor below `_UNCORRECTED_SHARE` of the share that
 #: would reach the accuracy: the error of Z grows with the square of the residuals that are not corrected.
 _LEAST_RESIDUAL, _UNCORRECTED_SHARE = 1e-3, 0.1
+
+#: Number of residuals that are corrected at a time: each takes several vectors of the full model.
+_COLUMNS = 64
 
 #: Estimated error of Z above which a basis that misses its target is of no use.
 _USELESS = 1e-2
@@ -198,9 +201,8 @@ def _enriched(
     states, uncorrected = max(item.states.shape[1] for item in sets), 0.0
     active, slow, watched = np.arange(len(points)), [], np.arange(len(sets))
     while error.max() > 0.5 * accuracy and rounds < max_rounds:
-        residuals = np.hstack(list(in_parallel(lambda item: state_residuals(basis, item), [sets[i] for i in active])))
         share = max(_LEAST_RESIDUAL, _UNCORRECTED_SHARE * float(np.sqrt(0.5 * accuracy / error.max())))
-        added = basis.add(driven.factor.solve(compressed(residuals, driven.scale, share)), _KEEP)
+        added = driven.correct(leading_residuals(basis, [sets[i] for i in active], driven.scale, share))
         added += sum(driven.add(everywhere[index]) for index in slow)
         factors.update(slow)
         rounds, watched = rounds + 1, np.flatnonzero(error > _SETTLED * accuracy)
@@ -318,6 +320,11 @@ class _DrivenVectors:
         """Add the driven vectors at other coefficients of the affine terms; return the number of new columns."""
         factor, static = self._static(coefficients, _SHIFTS[0])
         return self._krylov(factor, static, _SHIFTS[0])
+
+    def correct(self, residuals: np.ndarray) -> int:
+        """Add the corrections K_σ^-1 r of residuals (m, k), longest first; return the number of new columns."""
+        starts = range(0, residuals.shape[1], _COLUMNS)
+        return self.basis.add_all((self.factor.solve(residuals[:, at : at + _COLUMNS]) for at in starts), _KEEP)
 
     def _static(self, coefficients: np.ndarray, share: float) -> tuple[Factorization, np.ndarray]:
         """Factor of K − σM at a share of the band's highest ω², and its response to a charge."""

@@ -6,6 +6,7 @@ F(ω) = (1+jη) [C∞ + Σ g²/(λ − ω²/(1+jη))].
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from femu_piezo.forward.krylov import LOSS
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.reduced_basis import ReducedBasis
+from femu_piezo.threads import in_parallel
 
 #: Modes up to `_BEYOND` times the top ω² are trained; at most `_MOST_CORRECTIONS` directions are corrected in a round.
 _BEYOND, _MOST_CORRECTIONS = 1.5, 400
@@ -96,16 +98,27 @@ def state_residuals(basis: ReducedBasis, item: TrainingSet) -> np.ndarray:
     return residual
 
 
-def compressed(residuals: np.ndarray, scale: np.ndarray, share: float) -> np.ndarray:
-    """(m, j) leading principal directions of residuals (m, k), not normalised.
+def leading_residuals(basis: ReducedBasis, sets: Sequence[TrainingSet], scale: np.ndarray, share: float) -> np.ndarray:
+    """(m, j) leading principal directions of the residuals of the states of several sets, longest first.
 
+    They are as long as the residuals are along them. The residuals are the largest object of a reduction, so there is
+    one copy of them.
+
+    Parameters
+    ----------
     scale : (m,) diagonal of the operator; the length of a residual is that of residual / √scale
     share : directions shorter than this share of the longest are dropped
     """
-    scaled = residuals / np.sqrt(scale)[:, None]
+    ends = np.cumsum([0, *(item.states.shape[1] for item in sets)])
+    scaled, root = np.empty((scale.size, ends[-1])), np.sqrt(scale)[:, None]
+    every = in_parallel(lambda item: state_residuals(basis, item), sets)
+    for start, end, residuals in zip(ends[:-1], ends[1:], every, strict=True):
+        np.divide(residuals, root, out=scaled[:, start:end])
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
     chosen = values > share**2 * values[-1]
-    return residuals @ vectors[:, chosen][:, -_MOST_CORRECTIONS:]
+    directions = scaled @ vectors[:, chosen][:, : -_MOST_CORRECTIONS - 1 : -1]
+    directions *= root
+    return directions
 
 
 def worst_change(old: TrainingSet, new: TrainingSet) -> float:

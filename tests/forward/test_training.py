@@ -15,7 +15,7 @@ from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.forward.projection import TermProjections
 from femu_piezo.forward.reduced_basis import ReducedBasis
 from femu_piezo.forward.reduction import reduce_model
-from femu_piezo.forward.training import TrainingSet, state_residuals
+from femu_piezo.forward.training import TrainingSet, leading_residuals, state_residuals
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.constants import E_FORM, ElasticForm
 from femu_piezo.material.library import library_material
@@ -115,6 +115,35 @@ def test_residuals_of_training_states(model):
         basis.matrix.T @ found, 0.0, atol=1e-6 * np.abs(basis.matrix.T @ (operator @ states)).max()
     )
     assert basis.p[-1, 0] == pytest.approx(1 / POTENTIAL_SCALE, rel=1e-14, abs=0)
+
+
+def test_leading_residuals_are_principal_directions(model):
+    """Of all residuals, each divided by √scale, singular vectors times singular values, longest first; √scale again."""
+    _, _, _, _, start = _reference(model)
+    values = E_CONSTANTS.vector().real
+    basis = ReducedBasis(model, values, start)
+    vectors = np.random.default_rng(1).standard_normal((model.size, 6))
+    basis.add(vectors, 1e-8)
+    factors = (np.where(np.arange(10) < 5, 1.1, 0.9), np.where(np.arange(10) < 5, 0.95, 1.0))
+    sets = [TrainingSet.of(basis.matrices(), basis.u.shape[1], values * factor, TOP) for factor in factors]
+    scale = np.abs(model.diagonal(values))
+    every = np.hstack([state_residuals(basis, item) for item in sets]) / np.sqrt(scale)[:, None]
+    left, lengths, _ = np.linalg.svd(every, full_matrices=False)
+    found = leading_residuals(basis, sets, scale, 1e-3) / np.sqrt(scale)[:, None]
+    count = int(np.sum(lengths > 1e-3 * lengths[0]))
+    assert 1 < count < every.shape[1] and found.shape[1] == count
+    np.testing.assert_allclose(np.abs(left[:, :count].T @ found), np.diag(lengths[:count]), atol=1e-6 * lengths[0])
+
+
+def test_blocks_of_vectors_make_the_basis_of_all(model):
+    """A basis that takes vectors in blocks spans what it spans where it takes them together."""
+    _, _, _, _, start = _reference(model)
+    vectors = np.random.default_rng(2).standard_normal((model.size, 9)) * 0.5 ** np.arange(9)
+    together, apart = (ReducedBasis(model, E_CONSTANTS.vector().real, start) for _ in range(2))
+    assert together.add(vectors, 1e-3) == apart.add_all((vectors[:, at : at + 4] for at in (0, 4, 8)), 1e-3) == 18
+    for one, other in ((together.u, apart.u), (together.p, apart.p)):
+        assert one.shape == other.shape
+        np.testing.assert_allclose(other @ np.linalg.lstsq(other, one, rcond=None)[0], one, atol=1e-10)
 
 
 def test_thread_limits_only_go_down():
