@@ -31,8 +31,9 @@ from femu_piezo.units import signed
 _KILOHERTZ = 2 * np.pi * np.array([1e3])
 _D33 = D_FORM.index("d33")
 _C33, _E33, _EPS33S = (E_FORM.index(name) for name in ("c33", "e33", "eps33S"))
-#: Standard deviations between a reading and its fitted value from which a note tells that they contradict each other.
-_CONTRADICTS = 6.0
+#: Standard deviations between a stated number, such as a reading, and its fitted value from which a note tells that
+#: they contradict each other.
+CONTRADICTS = 6.0
 #: Units of the readings, as they are printed.
 UNITS = {"mass": "kg", "capacitance": "F", "d33": "C/N", "sound_velocity": "m/s"}
 
@@ -168,7 +169,7 @@ def contradictions(fit: Fit) -> list[str]:
         f"{one['fitted']:.4g} {one['unit']}: check its value and unit, or leave it out; until then no constant and no "
         "standard deviation can be relied on"
         for name, one in read_beside(fit).items()
-        if abs(float(one["sigma"])) > _CONTRADICTS
+        if abs(float(one["sigma"])) > CONTRADICTS
     ]
 
 

@@ -24,6 +24,7 @@ from femu_piezo.threads import made_once
 from femu_piezo.units import EPS0 as EPS0
 
 D_FORM = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
+KINDS = (D_FORM[:5], D_FORM[5:8], D_FORM[8:])  #: names of s, d and ε
 E_FORM = ("c11", "c12", "c13", "c33", "c44", "e31", "e33", "e15", "eps11S", "eps33S")
 
 _ELASTIC = ((0, 0), (0, 1), (0, 2), (2, 2), (3, 3))  #: positions of 11, 12, 13, 33, 44 in a 6 × 6 matrix

@@ -20,17 +20,18 @@ from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, start_constants
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.pole_zero_update import no_history, pole_zero_update
+from femu_piezo.study.posterior import COARSE_BASIS, COARSE_MESH
 from femu_piezo.study.results import rms
+from femu_piezo.study.starts import away_from_wall, in_proportion, is_hardly_stable
+from femu_piezo.study.tolerances import has_held_tolerances
 
-#: Errors of meshes and bases, and relative noise of the fits; coarse, since their constants are only a start.
-_ACCURACY, _BASIS_ACCURACY, _NOISE = 5e-3, 1e-3, 1e-2
+#: Relative noise of the fits; large, as meshes and bases are coarse, since their constants are only a start.
+_NOISE = 1e-2
 #: Constants are poor if rms |Δ log Z| is above this multiple of the noise and above this value.
 _POOR, _LEAST_POOR = 10.0, 5e-3
 #: Frequency over that of the expected fundamental from which the lowest mode of a sweep counts as an overtone: the next
 #: ones of bars and disks lie at 2.6 and 3, and constants of the file that are off by four still put it at 2.
 _OVERTONE = 2.0
-#: Least eigenvalue of the energy that start constants have, as a share of that of the file's.
-_STABLE = 0.1
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ class Beginning:
 def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     """Start constants: those of the pole-zero update, or of the file; each fitted to the curves where they are poor.
 
-    The file's are tried where the others stay poor; of both, those with the smaller misfit are taken.
+    The file's are tried where the others stay poor; of both, those with the smaller misfit are taken. Where these are
+    hardly stable with the held constants of the file, others are tried for those (`_of_another_material`).
 
     The pole-zero update starts from thin-body formulas, which fail where the modes of two dimensions meet, and may
     mistake another mode for the fundamental, so that the body is far too soft; the file's constants may be far away.
@@ -59,7 +61,7 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     every, leading = measured, _one_of_each(measured)
     measured = list(leading.values())
     problem = measured[0].problem
-    full = [bases.model(one, _ACCURACY) for one in measured]
+    full = [bases.model(one, COARSE_MESH) for one in measured]
     faults = problem.fitted.physical_faults(passive=False)
     by_pole_zero = not has_effects(measured) and (bool(faults) or not any(map(_is_of_overtones, measured)))
     attempts = [lambda: _from_pole_zero(measured, full, bases)] if by_pole_zero else []
@@ -82,9 +84,9 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
             break
     if not found:
         raise reason
-    _, constants, histories = min(found, key=lambda item: item[0])
-    if not faults:
-        constants = _away_from_wall(constants, problem.fitted)
+    misfit, constants, histories = min(found, key=lambda item: item[0])
+    if not faults and is_hardly_stable(constants, problem.fitted):
+        constants = _of_another_material(measured, full, bases, constants, misfit)
 
     def history(one: Measured) -> tuple[Step, ...]:
         """That of a leading sweep; no other one takes part in the pole-zero update."""
@@ -99,20 +101,24 @@ def _is_of_overtones(one: Measured) -> bool:
     return one.pair.pole.frequency_Hz > _OVERTONE * one.problem.expected_pole_Hz
 
 
-def _away_from_wall(found: PiezoConstants, of_file: PiezoConstants) -> PiezoConstants:
-    """The constants found; half way back to the file's, once or again, where they are hardly stable.
+def _of_another_material(
+    measured: list[Measured], full, bases: Bases, constants: PiezoConstants, misfit: float
+) -> PiezoConstants:
+    """Constants in place of those found, which are hardly stable with the held constants of the file.
 
-    A fit without effects may end there where the sweep shows an effect. No basis follows such constants.
+    The file is of another material then, or the sweep shows an effect. Where a fit may move the held constants, they
+    are changed in proportion to the free ones, and these fitted again; that is taken where it comes closer.
     """
-
-    def stability(constants: PiezoConstants) -> np.ndarray:
-        blocks = range(constants.block_count)
-        return np.array([np.linalg.eigvalsh(constants.energy_block(block))[0] for block in blocks])
-
-    least = np.minimum(_STABLE * stability(of_file), stability(of_file))
-    while np.any(stability(found) < least):
-        found = PiezoConstants.from_vector((found.vector() + of_file.vector()) / 2)
-    return found
+    problem = measured[0].problem
+    if has_held_tolerances(problem):
+        values = {name: getattr(constants, name) for name in problem.specimen.material.free}
+        try:
+            closer, moved = _fitted(measured, full, bases, in_proportion(problem.fitted, values))
+        except ConvergenceError:
+            closer = np.inf
+        if closer < misfit:
+            constants = moved
+    return away_from_wall(constants, problem.fitted)
 
 
 def _is_poor(misfit: float, measured: Sequence[Measured]) -> bool:
@@ -132,19 +138,20 @@ def _one_of_each(measured: Sequence[Measured]) -> dict[str, Measured]:
 
 def _from_pole_zero(measured: list[Measured], full, bases: Bases):
     """rms |Δ log Z|, constants and histories of the pole-zero update; constants fitted to the curves if poor."""
-    state = pole_zero_update(measured, full, bases, start_constants(measured), _BASIS_ACCURACY)
+    state = pole_zero_update(measured, full, bases, start_constants(measured), COARSE_BASIS)
     return (*_fitted(measured, full, bases, state.constants), state.histories)
 
 
 def _fitted(measured: list[Measured], full, bases: Bases, start: PiezoConstants) -> tuple[float, PiezoConstants]:
     """rms |Δ log Z| and constants: those given, or of a fit of the curves from there where they are poor."""
+    problem = measured[0].problem
 
     def step(free: FreeConstants, models: Sequence[ExtendedModel]):
         misfit, theta = _fit_curves(measured, models, free)
         constants = free.constants(theta)
-        return (misfit, constants), constants
+        return (misfit, constants), None if is_hardly_stable(constants, problem.fitted) else constants
 
-    return bases.following(measured, full, start, _BASIS_ACCURACY, step)
+    return bases.following(measured, full, start, COARSE_BASIS, step)
 
 
 def _fit_curves(

@@ -22,7 +22,7 @@ from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.inference.unknowns import FreeConstants
-from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.study.problem import Problem
 
 #: Relative range of the free constants that one reduced basis is trained for, how far from its centre a result may end,
@@ -31,6 +31,8 @@ SPREAD, _LEAVE, _BASES = 0.25, 0.3, 6
 #: Relative distance from the constants of another basis, or of the specimen file, within which a start uses the basis
 #: around these: for rough bases, and for those with effects, which are made again where a fit ends farther away.
 _NEAR, CLOSE = 0.2, 0.08
+#: The same for held constants, which the bases with effects are trained for in a wider range.
+HELD_CLOSE = 0.15
 #: Rungs of the ladders of frequencies (relative to the expected first pole) of an update and of a diagnosis, whose
 #: meshes are costly; of accuracies (relative to 1); and of the grid of free constants.
 _RUNG, _FINE_RUNG, _ACCURACY_RUNG, _GRID = 1.25, 1.04, 1.5, 1.1
@@ -101,14 +103,15 @@ class Bases:
         full: Sequence[ElectroelasticModel],
         start: PiezoConstants,
         accuracy: float,
-        step: Callable[[FreeConstants, Sequence[ExtendedModel]], tuple[Made, PiezoConstants]],
+        step: Callable[[FreeConstants, Sequence[ExtendedModel]], tuple[Made, PiezoConstants | None]],
     ) -> Made:
         """The result of a step on rough bases, made again around the constants found until these are in their range.
 
         Parameters
         ----------
         full : the model of each sweep
-        step : free constants to begin at and the basis of each sweep → the result, and the constants found
+        step : free constants to begin at and the basis of each sweep → the result, and the constants found; None where
+            no basis can follow them
 
         Raises
         ------
@@ -120,6 +123,8 @@ class Bases:
             around = self.anchor(problem, free)
             models = tuple(self.rough(model, around, one, accuracy) for model, one in zip(full, measured, strict=True))
             found, constants = step(free, models)
+            if constants is None:
+                return found
             if np.max(np.abs(problem.free(constants).start.real / around.start.real - 1)) <= _LEAVE:
                 return found
         raise ConvergenceError(
@@ -243,15 +248,22 @@ class SharedBases(Bases):
 
 
 def _rounded(problem: Problem, free: FreeConstants, near: float) -> PiezoConstants | None:
-    """The file's constants if the free ones are near them, else those with the free ones on the grid; None if unstable.
+    """The file's constants, those far from them on the grid; None if unstable.
 
-    near : largest relative distance; the tangents are those of the file in either case
+    All free constants are on the grid where one of them is not within `near` (relative) of the file's, each held one
+    where it is not within `HELD_CLOSE`. The tangents are those of the file in either case.
     """
-    of_file = np.array([getattr(problem.constants, name) for name in free.names])
-    size, start = np.where(of_file.real == 0, np.inf, of_file.real), free.start.real
-    on_grid = np.sign(start) * _GRID ** np.round(np.log(np.abs(start)) / np.log(_GRID)) * (1 + 1j * of_file.imag / size)
-    for values in (of_file, on_grid) if np.all(np.abs(start / size - 1) <= near) else (on_grid,):
-        constants = problem.constants.with_values(**dict(zip(free.names, values, strict=True)))
+    of_file, start = problem.constants.vector(), free.constants(free.start).vector().real
+    size = np.where(of_file.real == 0, np.inf, of_file.real)
+    away, is_free = np.abs(start / size - 1), np.isin(D_FORM, free.names)
+    with np.errstate(divide="ignore"):
+        steps = np.round(np.log(np.abs(start)) / np.log(_GRID))
+    on_grid = np.sign(start) * _GRID**steps * (1 + 1j * of_file.imag / size)
+    held_moved = ~is_free & (away > HELD_CLOSE) & (not problem.specimen.material.simplified)
+    held = np.where(held_moved, on_grid, of_file)
+    moved = np.where(is_free, on_grid, held)
+    for values in (held, moved) if np.all(away[is_free] <= near) else (moved,):
+        constants = PiezoConstants.from_vector(values)
         around = problem.free(problem.simplified(constants.lossless()))
         if not around.constants(around.start).physical_faults():
             return constants

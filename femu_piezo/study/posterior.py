@@ -20,19 +20,22 @@ from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Update
-from femu_piezo.study.model_cache import CLOSE, Bases, body_of
+from femu_piezo.study.model_cache import CLOSE, HELD_CLOSE, Bases, body_of
 from femu_piezo.study.progress import Clock
+from femu_piezo.study.starts import away_from_wall
 from femu_piezo.study.subjects import LEAST_ERROR, Subject
-from femu_piezo.study.unknowns import as_filed, effects_served, tolerances_of, unknowns_of
+from femu_piezo.study.unknowns import as_filed, constants_found, effects_served, tolerances_of, unknowns_of
 from femu_piezo.threads import made_once
 
 #: Mesh error (relative, of eigenvalues at the end of the sweep) and error of the reduced model, as shares of the noise,
 #: and the ranges they are kept in.
 _MESH_SHARE, _MESH_RANGE = 1 / 60, (LEAST_ERROR / 5, 1e-4)
 _BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
+#: The same errors of meshes and bases for estimates that are only a start.
+COARSE_MESH, COARSE_BASIS = 5e-3, 1e-3
 #: Relative range of the free constants that a basis is trained for; it serves results within `CLOSE`.
 _FREE_SPREAD = 0.05
 #: Growth of the range of the free constants with half the range of temperatures, relative, 1/K.
@@ -61,6 +64,7 @@ class Posterior:
     ----------
     several : the sweeps of all specimens; [material] and [update] are those of the first
     candidates : effects that the models must serve in addition to the tolerances
+    coarse : meshes and bases of `COARSE_MESH` and `COARSE_BASIS`, for estimates that are only a start
 
     Attributes
     ----------
@@ -70,9 +74,15 @@ class Posterior:
     """
 
     def __init__(
-        self, several: Sequence[Subject], clock: Clock, bases: Bases, candidates: Sequence[Effect] = ()
+        self,
+        several: Sequence[Subject],
+        clock: Clock,
+        bases: Bases,
+        candidates: Sequence[Effect] = (),
+        *,
+        coarse: bool = False,
     ) -> None:
-        self.several = tuple(several)
+        self.several, self._coarse = tuple(several), coarse
         self._clock, self.bases, self._candidates = clock, bases, tuple(candidates)
         self.tolerances = tolerances_of(several)
         self.problem = several[0].problem
@@ -111,31 +121,50 @@ class Posterior:
                     raise
                 return fit(self.evaluation, self.data, unknowns, [at], loss=self.loss, gain=COARSE)
 
-        return self.following(start, estimate)
+        return self.following(self._approached(start), estimate)
+
+    def _approached(self, start: PiezoConstants) -> PiezoConstants:
+        """The start; where the held constants are not the file's there, what a coarse fit makes of it.
+
+        Such a start is of another material than the file's. The constants may be far from it, and a basis follows them
+        at a great cost.
+        """
+        held = [name for name in D_FORM if name not in self.problem.specimen.material.free]
+        if self._coarse or all(
+            np.isclose(getattr(start, name), getattr(self.problem.constants, name)) for name in held
+        ):
+            return start
+        try:
+            found = Posterior(self.several, self._clock, self.bases, coarse=True).base(start, settled=False)
+        except ConvergenceError:
+            return start
+        return constants_found(self.several, found.parameters, found.x)
 
     def following(self, start: PiezoConstants, estimate: Callable[[Unknowns, np.ndarray], Found]) -> Found:
         """The estimate from start constants, on models that are made again where it leaves their range.
 
         estimate : unknowns and where to begin (n_x,) → the estimate, with its `x` (n_x,)
         """
-        constants, x = start, None
-        for _ in range(_REDUCTIONS):
-            self._prepare(constants)
+        constants, x, left = start, None, 1 if self._coarse else _REDUCTIONS
+        while True:
+            self._prepare(away_from_wall(constants, self.problem.fitted))
             unknowns = unknowns_of(self.several, self.models, constants)
-            begin = as_filed(self.several, unknowns)
+            begin = as_filed(self.several, unknowns, constants)
             if x is not None:
                 begin[unknowns.of_material :] = x[unknowns.of_material :]
             self._clock.step("fit")
             found = estimate(unknowns, begin)
+            constants = constants_found(self.several, unknowns, found.x)
+            left -= 1
+            if left == 0 or self._serves(constants):
+                return found
             x = found.x
-            constants = unknowns.material.constants(x[: unknowns.of_material])
-            if self._serves(constants):
-                break
-        return found
+            del found, unknowns  # they hold models of these bases, and the next ones take as much memory
 
     def _prepare(self, constants: PiezoConstants) -> None:
         """Make the reduced models around given constants."""
         full = self.full
+        self.models = ()
         self._clock.step("reduce")
         self._around = self.bases.around(self.problem, constants)
         spread = _FREE_SPREAD + _PER_KELVIN * max(one.context.conditions.span_K for one in self.several)
@@ -143,8 +172,9 @@ class Posterior:
         self.models = self._of_pieces(lambda number, several: self._reduced(full[number], number, several, training))
 
     def _serves(self, constants: PiezoConstants) -> bool:
-        around, found = (self.problem.free(one).start.real for one in (self._around, constants))
-        return bool(np.all(np.abs(found - around) <= CLOSE * np.abs(around)))
+        around, found = (one.vector().real for one in (self._around, constants))
+        held = np.isin(D_FORM, self.problem.specimen.material.free, invert=True)
+        return bool(np.all(np.abs(found - around) <= np.where(held, HELD_CLOSE, CLOSE) * np.abs(around)))
 
     def _of_pieces(self, make: Callable[[int, Sequence[Subject]], Made]) -> tuple[Made, ...]:
         """For every sweep, what is made once for all sweeps of equal bodies.
@@ -160,7 +190,8 @@ class Posterior:
         return tuple(made[body] for body in bodies)
 
     def _meshed(self, number: int, several: Sequence[Subject]) -> ElectroelasticModel:
-        return self.bases.model(self.several[number].measured, mesh_accuracy(several))
+        accuracy = COARSE_MESH if self._coarse else mesh_accuracy(several)
+        return self.bases.model(self.several[number].measured, accuracy)
 
     def _reduced(
         self,
@@ -171,7 +202,7 @@ class Posterior:
     ) -> ExtendedModel:
         offered = (*self.tolerances, *self._candidates)
         effects = list({effect.key: effect for one in several for effect in effects_served(one, offered)}.values())
-        accuracy = _share_of_noise(several, _BASIS_SHARE, _BASIS_RANGE)
+        accuracy = COARSE_BASIS if self._coarse else _share_of_noise(several, _BASIS_SHARE, _BASIS_RANGE)
         return self.bases.extended(full, training, effects, self.several[number].measured, accuracy)
 
     @property

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from femu_piezo.extraction.roots import Pair
@@ -10,12 +12,16 @@ from femu_piezo.geometry.shape import Shape, is_poled_along_field
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.inference.starts.thin_body import bar_permittivity, bar_start, disk_permittivity, disk_start
+from femu_piezo.material.constants import KINDS, PiezoConstants
 from femu_piezo.study.problem import Problem
 
 #: Loss tangent that every start value is given.
 _TANGENT = 0.01
 #: Relative difference of electrode area times gap from the volume below which the field is uniform.
 _UNIFORM = 1e-4
+#: Least eigenvalue of the energy that start constants have, as a share of that of the file's, and the number of steps
+#: on the way to the file's in which it is looked for.
+_STABLE, _STEPS = 0.1, 20
 
 
 def pair_names(shape: Shape) -> tuple[str, ...]:
@@ -71,6 +77,45 @@ def start_permittivity(problem: Problem, pair: Pair, frequency_Hz: float, admitt
     else:
         eps = bar_permittivity(shape.poling, *point, shape.electrode_gap, shape.electrode_area)
     return eps * (1 - 1j * _TANGENT) if eps > 0 else problem.constants.eps33T
+
+
+def in_proportion(constants: PiezoConstants, values: Mapping[str, complex]) -> PiezoConstants:
+    """The constants with other values of some; all others change as those of their kind do, by the mean of log ratios.
+
+    Kinds are s, d and ε. With one ratio for each kind, all coupling factors change alike, so that the material stays
+    stable where the constants it has in common with another grade are those that were read.
+    """
+    changed = dict(values)
+    for kind in KINDS:
+        ratios = [(values[name] / getattr(constants, name)).real for name in kind if name in values]
+        if ratios and min(ratios) > 0:
+            mean = float(np.exp(np.mean(np.log(ratios))))
+            changed |= {name: mean * getattr(constants, name) for name in kind if name not in values}
+    return constants.with_values(**changed)
+
+
+def is_hardly_stable(constants: PiezoConstants, of_file: PiezoConstants) -> bool:
+    """Whether a basis cannot follow constants, as their energy is near that of an unstable material.
+
+    A fit may end there that lacks an effect the sweep shows, or where the held constants are those of another material.
+    """
+    least = np.minimum(_STABLE * _least_energies(of_file), _least_energies(of_file))
+    return bool(np.any(_least_energies(constants) < least))
+
+
+def away_from_wall(constants: PiezoConstants, of_file: PiezoConstants) -> PiezoConstants:
+    """The constants, or the nearest ones on the way to the file's that are not hardly stable."""
+    for share in np.linspace(0, 1, _STEPS + 1):
+        found = PiezoConstants.from_vector((1 - share) * constants.vector() + share * of_file.vector())
+        if not is_hardly_stable(found, of_file):
+            return found
+    return of_file
+
+
+def _least_energies(constants: PiezoConstants) -> np.ndarray:
+    """Least eigenvalue of every block of the energy, scaled to a unit diagonal."""
+    blocks = range(constants.block_count)
+    return np.array([np.linalg.eigvalsh(constants.energy_block(block))[0] for block in blocks])
 
 
 def _poisson(problem: Problem) -> float:

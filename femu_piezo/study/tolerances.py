@@ -29,6 +29,11 @@ def tolerances(problem: Problem) -> dict[str, float]:
     return _geometry(specimen.geometry) | _held(problem) | _instrument(measurement) | repeats
 
 
+def has_held_tolerances(problem: Problem) -> bool:
+    """Whether the held constants may move in a fit."""
+    return not (problem.specimen.update or Update()).noise_only and bool(_held(problem))
+
+
 def _geometry(geometry: Geometry) -> dict[str, float]:
     found = {}
     for name in LENGTHS:

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from femu_piezo.effects.constant_factor import ConstantFactor
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.inference.readings import Reading
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
-from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.study.subjects import Subject, shared_library
 
 
@@ -27,10 +28,10 @@ def unknowns_of(
     constants : real parts of the free constants that are 1 in x; those of the file where None
     """
     problem = several[0].problem
-    free, of_file = problem.free(constants or problem.constants), problem.free(problem.constants)
-    material = problem.specimen.material
+    of_file, material = problem.free(problem.constants), problem.specimen.material
+    start = of_file.start if constants is None else problem.free(constants).start
     return Unknowns(
-        material=MaterialParameters.around(free, free.start, of_file.start),
+        material=MaterialParameters.around(of_file.at(start), start, of_file.start),
         prior=material_prior(of_file, material.priors, material.tangent_priors),
         effects=tolerances_of(several),
         fixed=tuple({effect.key: (effect, values) for one in several for effect, values in one.fixed}.values()),
@@ -38,16 +39,37 @@ def unknowns_of(
     )
 
 
-def as_filed(several: Sequence[Subject], unknowns: Unknowns) -> np.ndarray:
-    """(n_x,) start: constants at their start in `unknowns`, freed effects as the files say, all others at rest."""
+def as_filed(several: Sequence[Subject], unknowns: Unknowns, constants: PiezoConstants | None = None) -> np.ndarray:
+    """(n_x,) start: constants at their start in `unknowns`, freed effects as the files say, all others at rest.
+
+    constants : where the held constants begin, as far as they are unknowns; those of the file where None
+    """
     x = unknowns.prior_mean.copy()
     x[: unknowns.of_material] = unknowns.material.x_of(unknowns.material.free.start)
+    if constants is not None:
+        of_file = several[0].problem.constants
+        for name, column, scale in _held(unknowns):
+            x[column] = (getattr(constants, name).real / getattr(of_file, name).real - 1) / scale
     for one in several:
         for effect, values in one.freed:
             own = one.owned(effect)
             if unknowns.has(own):
                 x[unknowns.columns(unknowns.index(own.key))] = values / own.scale
     return x
+
+
+def constants_found(several: Sequence[Subject], unknowns: Unknowns, x: np.ndarray) -> PiezoConstants:
+    """The ten constants at x (n_x,): the free ones, and the real parts of the held ones where the fit moved them."""
+    found, of_file = unknowns.material.constants(x[: unknowns.of_material]), several[0].problem.constants
+    moved = {name: (1 + x[column] * scale) * getattr(of_file, name) for name, column, scale in _held(unknowns)}
+    return found.with_values(**moved)
+
+
+def _held(unknowns: Unknowns) -> Iterable[tuple[str, int, float]]:
+    """Name, column of x and scale of the relative error of every held constant."""
+    for number, effect in enumerate(unknowns.effects):
+        if isinstance(effect.constants, ConstantFactor):
+            yield D_FORM[effect.constants.index], unknowns.columns(number).start, effect.scale[0]
 
 
 def tolerances_of(several: Sequence[Subject]) -> tuple[Effect, ...]:

@@ -32,6 +32,7 @@ from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.specimen.file import Specimen, Update
 from femu_piezo.study.beginning import begin
+from femu_piezo.study.contradicted import contradicted
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, Sweep, baseline_constants, measure_each, start_constants
 from femu_piezo.study.model_cache import Bases
@@ -321,9 +322,11 @@ def _notes(
             "leave out simplified for those of all constants"
         )
     faults = constants.physical_faults(tolerance=1e-3)
-    notes += [f"updated constants: {fault}" for fault in faults]
+    where = "" if found is None else " with the held ones of the file"
+    notes += [f"updated constants{where}: {fault}" for fault in faults]
     held = set(D_FORM) - set(measured[0].problem.specimen.material.free)
-    if held and any(fault.kind == "unstable" for fault in faults):
+    of_other = [] if found is None else contradicted(found, several)
+    if held and not of_other and any(fault.kind == "unstable" for fault in faults):
         notes.append("the constants that are held may be those of another material: see material.base and its values")
     notes += [note for one in several for note in one.noise_notes]
     if known is not None:
@@ -333,6 +336,7 @@ def _notes(
                 f"the data alone do not determine {', '.join(loose)}: their values and standard deviations rest on the "
                 "prior as well"
             )
+    notes += of_other
     if found is not None:
         notes += _fit_notes(found)
     for one, outcome in zip(several, outcomes, strict=True):
