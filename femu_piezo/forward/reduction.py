@@ -134,13 +134,17 @@ def reduce_model(
 
     Raises
     ------
-    ConvergenceError : the estimate stays above 1 % (and `accuracy`) after `max_rounds` enrichments
+    ConvergenceError : the estimate stays above 1 % (and `accuracy`) after `max_rounds` enrichments, or the constants
+        are those of no stable material
     """
     points = _distinct([_coefficients(model, point) for point in _with_neighbours(training)])
     every = _distinct([*points, *(_coefficients(model, point) for point in _reflections(training))])
     checks = every[len(points) :]
     with blas_limit(useful_threads(model.size)):
-        enriched = _enriched(model, points, checks, band_Hz, accuracy, max_rounds)
+        try:
+            enriched = _enriched(model, points, checks, band_Hz, accuracy, max_rounds)
+        except np.linalg.LinAlgError:  # an energy that is not positive
+            raise ConvergenceError("no reduced model follows constants that are those of no stable material") from None
         if not enriched.error < max(_USELESS, accuracy):
             raise ConvergenceError(
                 f"the relative error of the reduced model is {enriched.error:.1e}, more than {accuracy:.1e}: "

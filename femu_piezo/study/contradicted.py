@@ -16,20 +16,32 @@ from femu_piezo.study.subjects import Subject
 from femu_piezo.study.unknowns import constants_found
 
 
-def contradicted(found: Fit, several: Sequence[Subject]) -> list[str]:
-    """A note where the fit moved stated numbers by more than `CONTRADICTS` of their standard deviations; else none."""
-    moved = list(_moved(found))
+def contradicted(found: Fit) -> list[str]:
+    """A note where the fit moved dimensions or density by more than `CONTRADICTS` of their standard deviations."""
+    moved = [words for source, _, words in _moved(found) if source != "held"]
     if not moved:
         return []
-    told = f"the sweep contradicts the file, by its standard deviations: {', '.join(words for _, words in moved)}"
-    held = [name for name, _ in moved if name in D_FORM]
-    if not held:
-        return [f"{told}; check these numbers, or let `femu-piezo diagnose` look for what the model lacks"]
-    constants = constants_found(several, found.parameters, found.x)
-    near = nearest_material(constants, (*found.parameters.material.free.names, *held))
-    known = near == several[0].problem.specimen.material.base
-    named = "" if known else f" (of the library, {near} is nearest to what was found)"
-    return [f"{told}; the held constants may be those of another material{named}: see material.base and its values"]
+    return [
+        f"the sweep contradicts the file, by its standard deviations: {', '.join(moved)}; check these numbers, or let "
+        "`femu-piezo diagnose` look for what the model lacks"
+    ]
+
+
+def of_another_material(found: Fit, several: Sequence[Subject]) -> list[str]:
+    """The same of held constants; where these are several, with the library material nearest to what was found."""
+    moved = {name: words for source, name, words in _moved(found) if source == "held"}
+    if not moved:
+        return []
+    near, base = "", several[0].problem.specimen.material.base
+    if len(moved) > 1:
+        names = [*found.parameters.material.free.names, *(name.removeprefix("tan_") for name in moved)]
+        near = nearest_material(constants_found(several, found.parameters, found.x), names)
+    return [
+        "the held constants may be those of another material: the sweep contradicts, by the standard deviations of the "
+        f"file, {', '.join(moved.values())}; "
+        + (f"of the library, {near} is nearest to what was found: " if near not in ("", base) else "")
+        + "see material.base and its values"
+    ]
 
 
 def nearest_material(constants: PiezoConstants, names: Sequence[str]) -> str:
@@ -45,8 +57,8 @@ def nearest_material(constants: PiezoConstants, names: Sequence[str]) -> str:
     return min(library_names(), key=distance)
 
 
-def _moved(found: Fit) -> Iterator[tuple[str, str]]:
-    """Name and words of every stated number that the fit moved far."""
+def _moved(found: Fit) -> Iterator[tuple[str, str, str]]:
+    """Source of the budget, name and words of every stated number that the fit moved far."""
     for effect, values in zip(found.parameters.effects, found.parameters.values(found.x), strict=True):
         source = source_of(effect)
         if source not in ("held", "geometry", "density"):
@@ -55,4 +67,4 @@ def _moved(found: Fit) -> Iterator[tuple[str, str]]:
             if abs(away) > CONTRADICTS * std > 0:
                 name = parameter.name if source == "held" else effect.name.removeprefix("wrong_")
                 sign = "+" if away > 0 else ""
-                yield name, f"{name} {sign}{quantity(parameter, float(f'{away:.2g}'))} ({abs(away) / std:.0f})"
+                yield source, name, f"{name} {sign}{quantity(parameter, float(f'{away:.2g}'))} ({abs(away) / std:.0f})"

@@ -27,6 +27,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.comparing import compare_causes
+from femu_piezo.study.contradicted import of_another_material
 from femu_piezo.study.measured import Measured, Sweep, conditions_of, measure_each
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.planning import recommended, separations
@@ -283,6 +284,7 @@ def diagnose(
             *_accuracy_notes(several),
             *(note for one in several for note in one.noise_notes),
             *contradictions(comparison.final),
+            *of_another_material(comparison.final, several),
             *unplanned,
         ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},

@@ -24,7 +24,9 @@ from femu_piezo.study.model_cache import CLOSE, Bases
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import shape_of
+from femu_piezo.study.starts import away_from_wall
 from femu_piezo.study.subjects import Subject
+from femu_piezo.study.unknowns import constants_found
 from femu_piezo.threads import in_parallel
 
 #: Planned ends of the band over the present one, and present noise over the planned one.
@@ -53,8 +55,7 @@ def separations(
     if not pairs:
         return ()
     effects = {effect.key: effect for pair in pairs for effect in (*pair.effects, *comparison.final.parameters.effects)}
-    material = comparison.final.parameters.material
-    constants = material.constants(comparison.final.x[: 2 * material.scale.size])
+    constants = constants_found(several, comparison.final.parameters, comparison.final.x)
     owner = several[0].measured.piece.name
     now = Plan("", Remembered(posterior.evaluation), comparison.base.data.relative_noise, owner)
     plans = [
@@ -311,6 +312,7 @@ def _coarse(
 ) -> ExtendedModel:
     """A reduced model, exact enough for planning; around shared constants, it is trained for nearby ones as well."""
     of_model = [effect for effect in effects if one.share.has(effect)] + [effect for effect, _ in one.fixed]
+    constants = away_from_wall(constants, body.problem.fitted)
     around = bases.around(body.problem, constants)
     training, free = [around], body.problem.free(around)
     if around is not constants:

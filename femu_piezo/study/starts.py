@@ -105,7 +105,9 @@ def is_hardly_stable(constants: PiezoConstants, of_file: PiezoConstants) -> bool
 
 def away_from_wall(constants: PiezoConstants, of_file: PiezoConstants) -> PiezoConstants:
     """The constants, or the nearest ones on the way to the file's that are not hardly stable."""
-    for share in np.linspace(0, 1, _STEPS + 1):
+    if not is_hardly_stable(constants, of_file):
+        return constants
+    for share in np.linspace(0, 1, _STEPS + 1)[1:]:
         found = PiezoConstants.from_vector((1 - share) * constants.vector() + share * of_file.vector())
         if not is_hardly_stable(found, of_file):
             return found

@@ -32,7 +32,7 @@ from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.specimen.file import Specimen, Update
 from femu_piezo.study.beginning import begin
-from femu_piezo.study.contradicted import contradicted
+from femu_piezo.study.contradicted import contradicted, of_another_material
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, Sweep, baseline_constants, measure_each, start_constants
 from femu_piezo.study.model_cache import Bases
@@ -325,7 +325,7 @@ def _notes(
     where = "" if found is None else " with the held ones of the file"
     notes += [f"updated constants{where}: {fault}" for fault in faults]
     held = set(D_FORM) - set(measured[0].problem.specimen.material.free)
-    of_other = [] if found is None else contradicted(found, several)
+    of_other = [] if found is None else of_another_material(found, several)
     if held and not of_other and any(fault.kind == "unstable" for fault in faults):
         notes.append("the constants that are held may be those of another material: see material.base and its values")
     notes += [note for one in several for note in one.noise_notes]
@@ -338,7 +338,7 @@ def _notes(
             )
     notes += of_other
     if found is not None:
-        notes += _fit_notes(found)
+        notes += contradicted(found) + _fit_notes(found)
     for one, outcome in zip(several, outcomes, strict=True):
         noise = float(np.median(one.noise))
         if outcome.rms_after > max(_POOR, 5 * noise):
