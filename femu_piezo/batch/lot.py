@@ -6,6 +6,7 @@ of a job is its place in the natural order of the file names.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from femu_piezo.batch.table import NOTES_APART
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.specimen.file import CONSTANTS
 
@@ -99,6 +101,7 @@ class Lot:
     counts : number of specimens, and of those of each status
     verdicts, causes : how many diagnoses came to which verdict, and named which cause first
     faults : files without a result, with the reason
+    notes : what is told of at least half of the updates: of how many, in the words of the first; most frequent first
     same : files with the same content of their sweeps, several in each group
     """
 
@@ -108,6 +111,7 @@ class Lot:
     distributions: tuple[Distribution, ...]
     outliers: tuple[Outlier, ...]
     faults: tuple[tuple[str, str], ...]
+    notes: tuple[tuple[int, str], ...] = ()
     same: tuple[tuple[str, ...], ...] = ()
 
     def to_json(self) -> dict:
@@ -119,6 +123,7 @@ class Lot:
             "quantities": {one.quantity: one.to_json() for one in self.distributions},
             "outliers": [vars(one) for one in self.outliers],
             "faults": [{"file": file, "reason": reason} for file, reason in self.faults],
+            "notes": [{"count": count, "note": note} for count, note in self.notes],
             "same_sweeps": [list(files) for files in self.same],
         }
 
@@ -136,7 +141,18 @@ def lot_of(rows: Sequence[dict], same: Sequence[tuple[str, ...]] = ()) -> Lot:
     }
     faults = tuple((row["file"], row["reason"]) for row in rows if row["status"] != "ok")
     verdicts, causes = (_counted(good, column) for column in ("verdict", "cause"))
-    return Lot(counts, verdicts, causes, distributions, tuple(outliers), faults, tuple(same))
+    return Lot(counts, verdicts, causes, distributions, tuple(outliers), faults, _common_notes(good), tuple(same))
+
+
+def _common_notes(good: Sequence[dict]) -> tuple[tuple[int, str], ...]:
+    """`Lot.notes`: notes are alike where the words before their first number or colon are."""
+    of_kind: dict[str, list[str]] = {}
+    for row in good:
+        notes = (row.get("notes") or "").split(NOTES_APART)
+        for kind, note in {re.split(r"[:\d]", note)[0]: note for note in notes if note}.items():
+            of_kind.setdefault(kind, []).append(note)
+    common = [(len(notes), notes[0]) for notes in of_kind.values() if 1 < len(notes) >= len(good) / 2]
+    return tuple(sorted(common, key=lambda item: -item[0]))
 
 
 def _counted(rows: Sequence[dict], column: str) -> dict[str, int]:
@@ -245,6 +261,7 @@ def lot_text(lot: Lot) -> str:
             lines.append(f"    diagnosis: {of_file[0].diagnosis}")
         if of_file[0].notes:
             lines.append(f"    notes: {of_file[0].notes}")
+    lines += [f"{count} of {lot.counts['ok']} updates: {note}" for count, note in lot.notes]
     lines += [f"the same sweep, counted as {len(files)} pieces: {', '.join(files)}" for files in lot.same]
     lines += [f"no result for {file}: {reason}" for file, reason in lot.faults]
     return "\n".join(lines) + "\n"

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from femu_piezo.batch.table import NOTES_APART
 from femu_piezo.effects.words import sizes
 from femu_piezo.errors import InputError
 from femu_piezo.output.records import update_record
@@ -42,7 +43,7 @@ def update_columns(result: UpdateResult) -> dict[str, Value]:
     columns |= {"pole_Hz": pair.pole.frequency_Hz, "pole_loss": pair.pole.loss}
     columns |= {"zero_Hz": pair.zero.frequency_Hz, "zero_loss": pair.zero.loss, "k_eff": pair.k_eff}
     columns |= {"rms_log_error": first.rms_after, "iterations": result.iterations, "method": result.method}
-    columns["notes"] = " · ".join(result.notes)
+    columns["notes"] = NOTES_APART.join(result.notes)
     return finite(columns)
 
 

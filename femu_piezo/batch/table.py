@@ -26,6 +26,8 @@ UPDATE_COLUMNS = (
     "method",
     "notes",
 )
+#: What stands between the notes of the column "notes".
+NOTES_APART = " · "
 #: Columns that `diagnose` fills: "size" is the first parameter of the most probable cause (SI), errors are
 #: rms |Δ log Z| of data that no fit saw, "diagnosis" says all of it in words.
 DIAGNOSIS_COLUMNS = (

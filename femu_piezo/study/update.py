@@ -322,11 +322,12 @@ def _notes(
             "leave out simplified for those of all constants"
         )
     faults = constants.physical_faults(tolerance=1e-3)
-    where = "" if found is None else " with the held ones of the file"
-    notes += [f"updated constants{where}: {fault}" for fault in faults]
     held = set(D_FORM) - set(measured[0].problem.specimen.material.free)
     of_other = [] if found is None else of_another_material(found, several)
-    if held and not of_other and any(fault.kind == "unstable" for fault in faults):
+    if of_other:  # the fit moved the held constants, with which the updated ones need not be stable
+        faults = [fault for fault in faults if fault.kind != "unstable"]
+    notes += [f"updated constants: {fault}" for fault in faults]
+    if held and any(fault.kind == "unstable" for fault in faults):
         notes.append("the constants that are held may be those of another material: see material.base and its values")
     notes += [note for one in several for note in one.noise_notes]
     if known is not None:

@@ -58,6 +58,21 @@ def test_outliers_are_named_with_their_reason():
     assert f"s11 = {values[16]:.5g} is " in lot.outliers[0].reason  # lot.json is in SI units
 
 
+def test_notes_of_at_least_half_of_the_updates_are_told_once():
+    """In the words of the first; numbers after the first words differ from piece to piece."""
+    every = rows(clean(6, 4))
+    for row in every:
+        row["notes"] = f"the model is off by {row['number']} % · held: s12 +{row['number']} %"
+    for row in every[:2]:
+        row["notes"] += " · poles and zeros: a jump"
+    every[5]["notes"] = ""
+    lot = lot_of(every)
+    assert lot.notes == ((5, "the model is off by 1 %"), (5, "held: s12 +1 %"))
+    assert "5 of 6 updates: the model is off by 1 %" in lot_text(lot) and "a jump" not in lot_text(lot)
+    assert lot.to_json()["notes"][1] == {"count": 5, "note": "held: s12 +1 %"}
+    assert not lot_of(rows(clean(1, 4), note="a jump at 90 kHz")).notes
+
+
 def test_a_small_lot_says_that_values_beyond_its_limits_are_not_counted():
     values = CENTRE * (1 + 1e-4 * np.arange(5.0))
     values[4] *= 1.1
