@@ -27,6 +27,7 @@ from femu_piezo.study.model_cache import CLOSE, HELD_CLOSE, Bases, body_of
 from femu_piezo.study.progress import Clock
 from femu_piezo.study.starts import away_from_wall
 from femu_piezo.study.subjects import LEAST_ERROR, Subject
+from femu_piezo.study.tolerances import has_held_tolerances
 from femu_piezo.study.unknowns import as_filed, constants_found, effects_served, tolerances_of, unknowns_of
 from femu_piezo.threads import made_once
 
@@ -129,10 +130,10 @@ class Posterior:
         Such a start is of another material than the file's. The constants may be far from it, and a basis follows them
         at a great cost.
         """
+        of_file = self.problem.constants
         held = [name for name in D_FORM if name not in self.problem.specimen.material.free]
-        if self._coarse or all(
-            np.isclose(getattr(start, name), getattr(self.problem.constants, name)) for name in held
-        ):
+        moved = [name for name in held if not np.isclose(getattr(start, name), getattr(of_file, name), atol=0)]
+        if self._coarse or not moved or not has_held_tolerances(self.problem):
             return start
         try:
             found = Posterior(self.several, self._clock, self.bases, coarse=True).base(start, settled=False)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hidden_effects.build import Build
 
+from femu_piezo.errors import ConvergenceError
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.readers import write_spectrum
@@ -18,6 +19,8 @@ from femu_piezo.study.contradicted import nearest_material
 from femu_piezo.study.diagnose import diagnose
 from femu_piezo.study.measured import measure
 from femu_piezo.study.model_cache import Bases, SharedBases
+from femu_piezo.study.posterior import Posterior
+from femu_piezo.study.progress import Clock
 from femu_piezo.study.starts import away_from_wall, in_proportion, is_hardly_stable
 from femu_piezo.study.subjects import subjects
 from femu_piezo.study.unknowns import as_filed, constants_found, unknowns_of
@@ -145,6 +148,22 @@ def test_constants_found_are_those_a_start_was_made_of(tmp_path):
     np.testing.assert_array_equal(unknowns.prior_mean[unknowns.of_material :], 0.0)
     at_file = constants_found(several, unknowns, as_filed(several, unknowns))
     assert at_file.d33 == PZT5H.d33 and at_file.d31.real == pytest.approx(PZT5A.d31.real)
+
+
+def test_a_start_of_another_material_is_approached_on_a_coarse_mesh(tmp_path, monkeypatch):
+    """Where held constants, of whatever size in SI units, are not the file's; where all free ones differ, not."""
+    coarse = []
+
+    def recorded(posterior, start, *, settled=True):
+        coarse.append(posterior._coarse)
+        raise ConvergenceError("no fit here")
+
+    monkeypatch.setattr(Posterior, "base", recorded)
+    posterior = Posterior(subjects([measure(specimen(tmp_path, "pzt-5h"))]), Clock(None), Bases())
+    for name, expected in (("d33", [True]), ("s12", [True]), ("d31", [])):
+        coarse.clear()
+        start = PZT5H.with_values(**{name: 0.9 * getattr(PZT5H, name)})
+        assert posterior._approached(start) is start and coarse == expected, name
 
 
 def test_shared_bases_put_held_constants_on_a_grid_where_they_are_far_from_the_file(tmp_path):
