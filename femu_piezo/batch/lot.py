@@ -25,6 +25,8 @@ FEWEST = 8
 #: Chance of one false outlier, or one false drift, in a whole lot.
 FALSE_ALARM = 0.05
 _MAD_TO_SIGMA = 1.4826
+#: What differs among notes of one kind.
+_VARYING = re.compile(rf"\b(tan_)?({'|'.join(CONSTANTS)})\b|[-+−]?\d[\d.]*(e[-+]?\d+)?( ?%)?|[(),;]")
 #: Relative spread below which values count as equal.
 _EQUAL = 1e-9
 
@@ -145,11 +147,14 @@ def lot_of(rows: Sequence[dict], same: Sequence[tuple[str, ...]] = ()) -> Lot:
 
 
 def _common_notes(good: Sequence[dict]) -> tuple[tuple[int, str], ...]:
-    """`Lot.notes`: notes are alike where the words before their first number or colon are."""
+    """`Lot.notes`: notes are alike where their words are, without numbers and names of constants and specimens."""
     of_kind: dict[str, list[str]] = {}
     for row in good:
-        notes = (row.get("notes") or "").split(NOTES_APART)
-        for kind, note in {re.split(r"[:\d]", note)[0]: note for note in notes if note}.items():
+        first: dict[str, str] = {}
+        for told in filter(None, (row.get("notes") or "").split(NOTES_APART)):
+            note = told.removeprefix(f"{row.get('specimen')}: ")
+            first.setdefault(" ".join(_VARYING.sub(" ", note).split()), note)
+        for kind, note in first.items():
             of_kind.setdefault(kind, []).append(note)
     common = [(len(notes), notes[0]) for notes in of_kind.values() if 1 < len(notes) >= len(good) / 2]
     return tuple(sorted(common, key=lambda item: -item[0]))
@@ -261,7 +266,7 @@ def lot_text(lot: Lot) -> str:
             lines.append(f"    diagnosis: {of_file[0].diagnosis}")
         if of_file[0].notes:
             lines.append(f"    notes: {of_file[0].notes}")
-    lines += [f"{count} of {lot.counts['ok']} updates: {note}" for count, note in lot.notes]
+    lines += [f"{count} of {lot.counts['ok']} updates, the first: {note}" for count, note in lot.notes]
     lines += [f"the same sweep, counted as {len(files)} pieces: {', '.join(files)}" for files in lot.same]
     lines += [f"no result for {file}: {reason}" for file, reason in lot.faults]
     return "\n".join(lines) + "\n"

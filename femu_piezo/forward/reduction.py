@@ -134,8 +134,8 @@ def reduce_model(
 
     Raises
     ------
-    ConvergenceError : the estimate stays above 1 % (and `accuracy`) after `max_rounds` enrichments, or the constants
-        are those of no stable material
+    ConvergenceError : the estimate stays above 1 % (and `accuracy`) after `max_rounds` enrichments, or an
+        energy of the constants that the basis is orthonormal in is not positive
     """
     points = _distinct([_coefficients(model, point) for point in _with_neighbours(training)])
     every = _distinct([*points, *(_coefficients(model, point) for point in _reflections(training))])
@@ -143,14 +143,14 @@ def reduce_model(
     with blas_limit(useful_threads(model.size)):
         try:
             enriched = _enriched(model, points, checks, band_Hz, accuracy, max_rounds)
-        except np.linalg.LinAlgError:  # an energy that is not positive
-            raise ConvergenceError("no reduced model follows constants that are those of no stable material") from None
-        if not enriched.error < max(_USELESS, accuracy):
-            raise ConvergenceError(
-                f"the relative error of the reduced model is {enriched.error:.1e}, more than {accuracy:.1e}: "
-                "narrow the band or the range of the constants"
-            )
-        return _finished(model, enriched, band_Hz, accuracy)
+            if not enriched.error < max(_USELESS, accuracy):
+                raise ConvergenceError(
+                    f"the relative error of the reduced model is {enriched.error:.1e}, more than {accuracy:.1e}: "
+                    "narrow the band or the range of the constants"
+                )
+            return _finished(model, enriched, band_Hz, accuracy)
+        except np.linalg.LinAlgError:
+            raise ConvergenceError("no reduced model follows constants whose energy is not positive") from None
 
 
 def driven_modal(

@@ -18,9 +18,10 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, start_constants
-from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.model_cache import LEAVE, Bases
 from femu_piezo.study.pole_zero_update import no_history, pole_zero_update
 from femu_piezo.study.posterior import COARSE_BASIS, COARSE_MESH
+from femu_piezo.study.problem import as_left
 from femu_piezo.study.results import rms
 from femu_piezo.study.starts import away_from_wall, in_proportion, is_hardly_stable
 from femu_piezo.study.tolerances import has_held_tolerances
@@ -55,6 +56,8 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     mistake another mode for the fundamental, so that the body is far too soft; the file's constants may be far away.
     Where the lowest measured mode lies so high that it is an overtone by the file's constants, these are taken.
 
+    Constants that a fit left, stable with the held ones as it left them alone, are taken as they are.
+
     Raises ConvergenceError where neither settles, and InputError where the specimen has effects, which the pole-zero
     update does not know, and the file's constants are no stable material.
     """
@@ -63,6 +66,8 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     problem = measured[0].problem
     full = [bases.model(one, COARSE_MESH) for one in measured]
     faults = problem.fitted.physical_faults(passive=False)
+    if faults and not as_left(problem.specimen, problem.fitted).physical_faults(passive=False):
+        return Beginning(problem.fitted, tuple(no_history(one.problem) for one in every))
     by_pole_zero = not has_effects(measured) and (bool(faults) or not any(map(_is_of_overtones, measured)))
     attempts = [lambda: _from_pole_zero(measured, full, bases)] if by_pole_zero else []
     if not faults:
@@ -143,13 +148,19 @@ def _from_pole_zero(measured: list[Measured], full, bases: Bases):
 
 
 def _fitted(measured: list[Measured], full, bases: Bases, start: PiezoConstants) -> tuple[float, PiezoConstants]:
-    """rms |Δ log Z| and constants: those given, or of a fit of the curves from there where they are poor."""
+    """rms |Δ log Z| and constants: those given, or of a fit of the curves from there where they are poor.
+
+    The misfit of hardly stable constants that are far from where the fit began is not known (∞): no basis follows them.
+    """
     problem = measured[0].problem
 
     def step(free: FreeConstants, models: Sequence[ExtendedModel]):
         misfit, theta = _fit_curves(measured, models, free)
         constants = free.constants(theta)
-        return (misfit, constants), None if is_hardly_stable(constants, problem.fitted) else constants
+        if not is_hardly_stable(constants, problem.fitted):
+            return (misfit, constants), constants
+        trusted = np.all(np.abs(theta.real / free.start.real - 1) <= LEAVE)  # the basis followed them
+        return (misfit if trusted else np.inf, constants), None
 
     return bases.following(measured, full, start, COARSE_BASIS, step)
 

@@ -284,7 +284,7 @@ def diagnose(
             *_accuracy_notes(several),
             *(note for one in several for note in one.noise_notes),
             *contradictions(comparison.final),
-            *of_another_material(comparison.final, several),
+            *of_another_material(comparison.final, several[0].problem.specimen.material.base),
             *unplanned,
         ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},

@@ -21,6 +21,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.study.measured import Measured, conditions_of
 from femu_piezo.study.problem import Problem
 from femu_piezo.study.shapes import shape_of
+from femu_piezo.study.starts import is_hardly_stable
 from femu_piezo.study.tolerances import tolerances
 
 #: Name of a dimension → axes that it scales: the diameter of a disk or ring scales its whole plane, the width of a
@@ -151,10 +152,10 @@ def model_with_effects(
 
     Raises InputError where no stable material has the constants that the effects leave.
     """
-    training = (
-        *problem.free(problem.fitted).training_for_effects(problem.fitted),
-        *_changed_constants(problem, known, np.array(band_Hz)),
-    )
+    around, changed = problem.fitted, _changed_constants(problem, known, np.array(band_Hz))
+    if is_hardly_stable(around, changed[0]):  # with held constants of another material
+        around = changed[0]
+    training = (*problem.free(around).training_for_effects(around), *changed)
     return extend_model(model, training, [effect for effect, _ in known], band_Hz[1], accuracy=accuracy)
 
 

@@ -27,14 +27,14 @@ from femu_piezo.study.problem import Problem
 
 #: Relative range of the free constants that one reduced basis is trained for, how far from its centre a result may end,
 #: and how many bases are made at most.
-SPREAD, _LEAVE, _BASES = 0.25, 0.3, 6
+SPREAD, LEAVE, _BASES = 0.25, 0.3, 6
 #: Relative distance from the constants of another basis, or of the specimen file, within which a start uses the basis
 #: around these: for rough bases, and for those with effects, which are made again where a fit ends farther away.
 _NEAR, CLOSE = 0.2, 0.08
 #: The same for held constants, which the bases with effects are trained for in a wider range.
 HELD_CLOSE = 0.15
 #: Rungs of the ladders of frequencies (relative to the expected first pole) of an update and of a diagnosis, whose
-#: meshes are costly; of accuracies (relative to 1); and of the grid of free constants.
+#: meshes are costly; of accuracies (relative to 1); and of the grid of constants.
 _RUNG, _FINE_RUNG, _ACCURACY_RUNG, _GRID = 1.25, 1.04, 1.5, 1.1
 
 Made = TypeVar("Made")
@@ -125,7 +125,7 @@ class Bases:
             found, constants = step(free, models)
             if constants is None:
                 return found
-            if np.max(np.abs(problem.free(constants).start.real / around.start.real - 1)) <= _LEAVE:
+            if np.max(np.abs(problem.free(constants).start.real / around.start.real - 1)) <= LEAVE:
                 return found
         raise ConvergenceError(
             "the constants kept leaving the range of the reduced model; start from a closer base material or free "
@@ -248,7 +248,7 @@ class SharedBases(Bases):
 
 
 def _rounded(problem: Problem, free: FreeConstants, near: float) -> PiezoConstants | None:
-    """The file's constants, those far from them on the grid; None if unstable.
+    """The constants, each that of the file or on the grid; None if unstable.
 
     All free constants are on the grid where one of them is not within `near` (relative) of the file's, each held one
     where it is not within `HELD_CLOSE`. The tangents are those of the file in either case.

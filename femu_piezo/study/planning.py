@@ -55,7 +55,7 @@ def separations(
     if not pairs:
         return ()
     effects = {effect.key: effect for pair in pairs for effect in (*pair.effects, *comparison.final.parameters.effects)}
-    constants = constants_found(several, comparison.final.parameters, comparison.final.x)
+    constants = constants_found(comparison.final.parameters, comparison.final.x)
     owner = several[0].measured.piece.name
     now = Plan("", Remembered(posterior.evaluation), comparison.base.data.relative_noise, owner)
     plans = [

@@ -130,37 +130,44 @@ class Posterior:
         Such a start is of another material than the file's. The constants may be far from it, and a basis follows them
         at a great cost.
         """
-        of_file = self.problem.constants
-        held = [name for name in D_FORM if name not in self.problem.specimen.material.free]
-        moved = [name for name in held if not np.isclose(getattr(start, name), getattr(of_file, name), atol=0)]
-        if self._coarse or not moved or not has_held_tolerances(self.problem):
+        begun, of_file = (one.vector()[self._held] for one in (start, self.problem.constants))
+        if self._coarse or np.allclose(begun, of_file, atol=0) or not has_held_tolerances(self.problem):
             return start
         try:
             found = Posterior(self.several, self._clock, self.bases, coarse=True).base(start, settled=False)
         except ConvergenceError:
             return start
-        return constants_found(self.several, found.parameters, found.x)
+        return constants_found(found.parameters, found.x)
 
     def following(self, start: PiezoConstants, estimate: Callable[[Unknowns, np.ndarray], Found]) -> Found:
         """The estimate from start constants, on models that are made again where it leaves their range.
 
         estimate : unknowns and where to begin (n_x,) → the estimate, with its `x` (n_x,)
         """
+        of_file = unknowns_of(self.several)
+        file_constants = constants_found(of_file, as_filed(self.several, of_file))
         constants, x, left = start, None, 1 if self._coarse else _REDUCTIONS
         while True:
-            self._prepare(away_from_wall(constants, self.problem.fitted))
-            unknowns = unknowns_of(self.several, self.models, constants)
+            unknowns = unknowns_of(self.several, constants=constants)
             begin = as_filed(self.several, unknowns, constants)
             if x is not None:
                 begin[unknowns.of_material :] = x[unknowns.of_material :]
+            begin = np.clip(begin, *unknowns.bounds.T)
+            self._prepare(away_from_wall(constants_found(unknowns, begin), file_constants))
+            unknowns = unknowns_of(self.several, self.models, constants)
             self._clock.step("fit")
             found = estimate(unknowns, begin)
-            constants = constants_found(self.several, unknowns, found.x)
+            constants = constants_found(unknowns, found.x)
             left -= 1
             if left == 0 or self._serves(constants):
                 return found
             x = found.x
             del found, unknowns  # they hold models of these bases, and the next ones take as much memory
+
+    @property
+    def _held(self) -> np.ndarray:
+        """(10,) bool: which constants are held."""
+        return np.isin(D_FORM, self.problem.specimen.material.free, invert=True)
 
     def _prepare(self, constants: PiezoConstants) -> None:
         """Make the reduced models around given constants."""
@@ -174,8 +181,7 @@ class Posterior:
 
     def _serves(self, constants: PiezoConstants) -> bool:
         around, found = (one.vector().real for one in (self._around, constants))
-        held = np.isin(D_FORM, self.problem.specimen.material.free, invert=True)
-        return bool(np.all(np.abs(found - around) <= np.where(held, HELD_CLOSE, CLOSE) * np.abs(around)))
+        return bool(np.all(np.abs(found - around) <= np.where(self._held, HELD_CLOSE, CLOSE) * np.abs(around)))
 
     def _of_pieces(self, make: Callable[[int, Sequence[Subject]], Made]) -> tuple[Made, ...]:
         """For every sweep, what is made once for all sweeps of equal bodies.

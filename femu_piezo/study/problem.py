@@ -129,10 +129,20 @@ def prepare(specimen: Specimen, *, check: bool = True) -> Problem:
             f"response; give material.{charge}"
         )
     if specimen.fitted_constants:  # a fit is passive within its tolerance, with the held constants where it left them
-        fitted.check(f"{where}: fitted.material", passive=False)
+        as_left(specimen, fitted).check(f"{where}: fitted.material", passive=False)
     elif check:
         constants.check(f"{where}: material")
     return Problem(specimen, plate, constants, float(density), fitted)
+
+
+def as_left(specimen: Specimen, constants: PiezoConstants) -> PiezoConstants:
+    """The constants with the errors of held ones that [effects] and [fitted] state."""
+    values = constants.as_dict()
+    for tables in (specimen.effects, specimen.fitted):
+        stated = (tables or {}).get("wrong_insensitive_parameter", {})
+        for name in values.keys() & stated.keys():
+            values[name] *= 1 + float(stated[name])
+    return PiezoConstants(**values)
 
 
 def refuse_nothing_free(specimens: Sequence[Specimen]) -> None:

@@ -82,8 +82,7 @@ def start_permittivity(problem: Problem, pair: Pair, frequency_Hz: float, admitt
 def in_proportion(constants: PiezoConstants, values: Mapping[str, complex]) -> PiezoConstants:
     """The constants with other values of some; all others change as those of their kind do, by the mean of log ratios.
 
-    Kinds are s, d and ε. With one ratio for each kind, all coupling factors change alike, so that the material stays
-    stable where the constants it has in common with another grade are those that were read.
+    Kinds are s, d and ε. With one ratio r for each, all squares of coupling factors change by a factor r_d²/(r_s r_ε).
     """
     changed = dict(values)
     for kind in KINDS:
@@ -107,7 +106,7 @@ def away_from_wall(constants: PiezoConstants, of_file: PiezoConstants) -> PiezoC
     """The constants, or the nearest ones on the way to the file's that are not hardly stable."""
     if not is_hardly_stable(constants, of_file):
         return constants
-    for share in np.linspace(0, 1, _STEPS + 1)[1:]:
+    for share in np.linspace(0, 1, _STEPS + 1)[1:-1]:
         found = PiezoConstants.from_vector((1 - share) * constants.vector() + share * of_file.vector())
         if not is_hardly_stable(found, of_file):
             return found

@@ -58,11 +58,15 @@ def as_filed(several: Sequence[Subject], unknowns: Unknowns, constants: PiezoCon
     return x
 
 
-def constants_found(several: Sequence[Subject], unknowns: Unknowns, x: np.ndarray) -> PiezoConstants:
-    """The ten constants at x (n_x,): the free ones, and the real parts of the held ones where the fit moved them."""
-    found, of_file = unknowns.material.constants(x[: unknowns.of_material]), several[0].problem.constants
-    moved = {name: (1 + x[column] * scale) * getattr(of_file, name) for name, column, scale in _held(unknowns)}
-    return found.with_values(**moved)
+def constants_found(unknowns: Unknowns, x: np.ndarray) -> PiezoConstants:
+    """The ten constants at x (n_x,): the free ones, and the real parts of the held ones as file and fit move them."""
+    values = unknowns.material.constants(x[: unknowns.of_material]).as_dict()
+    for effect, (error, *_) in unknowns.fixed:
+        if isinstance(effect.constants, ConstantFactor):
+            values[D_FORM[effect.constants.index]] *= 1 + error
+    for name, column, scale in _held(unknowns):
+        values[name] *= 1 + x[column] * scale
+    return PiezoConstants(**values)
 
 
 def _held(unknowns: Unknowns) -> Iterable[tuple[str, int, float]]:

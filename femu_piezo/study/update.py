@@ -323,11 +323,10 @@ def _notes(
         )
     faults = constants.physical_faults(tolerance=1e-3)
     held = set(D_FORM) - set(measured[0].problem.specimen.material.free)
-    of_other = [] if found is None else of_another_material(found, several)
-    if of_other:  # the fit moved the held constants, with which the updated ones need not be stable
-        faults = [fault for fault in faults if fault.kind != "unstable"]
-    notes += [f"updated constants: {fault}" for fault in faults]
-    if held and any(fault.kind == "unstable" for fault in faults):
+    of_other = [] if found is None else of_another_material(found, measured[0].problem.specimen.material.base)
+    where = "" if found is None else ", together with the held ones of the file"
+    notes += [f"updated constants{where}: {fault}" for fault in faults]
+    if held and not of_other and any(fault.kind == "unstable" for fault in faults):
         notes.append("the constants that are held may be those of another material: see material.base and its values")
     notes += [note for one in several for note in one.noise_notes]
     if known is not None:

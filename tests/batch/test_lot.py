@@ -59,17 +59,20 @@ def test_outliers_are_named_with_their_reason():
 
 
 def test_notes_of_at_least_half_of_the_updates_are_told_once():
-    """In the words of the first; numbers after the first words differ from piece to piece."""
+    """In the words of the first; numbers and names of constants and specimens differ from piece to piece."""
     every = rows(clean(6, 4))
-    for row in every:
-        row["notes"] = f"the model is off by {row['number']} % · held: s12 +{row['number']} %"
+    for number, row in enumerate(every):
+        row["specimen"] = f"p{number}"
+        row["notes"] = f"held: {('s12', 'tan_d33')[number % 2]} {number - 2:+} % · p{number}: off by 0.0{number}"
+        row["notes"] += " · held: s13 5 %"
     for row in every[:2]:
         row["notes"] += " · poles and zeros: a jump"
+    every[2]["notes"] += " · poles and zeros: something else"
     every[5]["notes"] = ""
     lot = lot_of(every)
-    assert lot.notes == ((5, "the model is off by 1 %"), (5, "held: s12 +1 %"))
-    assert "5 of 6 updates: the model is off by 1 %" in lot_text(lot) and "a jump" not in lot_text(lot)
-    assert lot.to_json()["notes"][1] == {"count": 5, "note": "held: s12 +1 %"}
+    assert lot.notes == ((5, "held: s12 -2 %"), (5, "off by 0.00"))
+    assert "5 of 6 updates, the first: off by 0.00" in lot_text(lot) and "a jump" not in lot_text(lot)
+    assert {"count": 5, "note": "held: s12 -2 %"} in lot.to_json()["notes"]
     assert not lot_of(rows(clean(1, 4), note="a jump at 90 kHz")).notes
 
 

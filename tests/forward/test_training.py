@@ -136,14 +136,19 @@ def test_leading_residuals_are_principal_directions(model):
 
 
 def test_blocks_of_vectors_make_the_basis_of_all(model):
-    """A basis that takes vectors in blocks spans what it spans where it takes them together."""
+    """A basis that takes vectors in blocks spans what it spans where it takes them together.
+
+    A share of 0.05 leaves out the last block, none of whose vectors is that small beside the largest of its own.
+    """
     _, _, _, _, start = _reference(model)
-    vectors = np.random.default_rng(2).standard_normal((model.size, 9)) * 0.5 ** np.arange(9)
+    vectors = np.random.default_rng(2).standard_normal((model.size, 9)) * np.repeat([1.0, 0.3, 1e-9], [4, 4, 1])
     together, apart = (ReducedBasis(model, E_CONSTANTS.vector().real, start) for _ in range(2))
-    assert together.add(vectors, 1e-3) == apart.add_all((vectors[:, at : at + 4] for at in (0, 4, 8)), 1e-3) == 18
+    assert together.add(vectors, 0.05) == apart.add_all((vectors[:, at : at + 4] for at in (0, 4, 8)), 0.05) == 16
     for one, other in ((together.u, apart.u), (together.p, apart.p)):
         assert one.shape == other.shape
-        np.testing.assert_allclose(other @ np.linalg.lstsq(other, one, rcond=None)[0], one, atol=1e-10)
+        np.testing.assert_allclose(
+            other @ np.linalg.lstsq(other, one, rcond=None)[0], one, atol=1e-6 * np.abs(one).max()
+        )
 
 
 def test_thread_limits_only_go_down():

@@ -31,7 +31,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
 
 
 def _value(name: str, tolerance: float) -> EffectParameter:
-    return EffectParameter(name, "1", -0.45, 0.8, 0.05, max(0.12, 3 * tolerance), tolerance=tolerance)
+    return EffectParameter(name, "1", -0.7, 2.0, 0.05, max(0.12, 3 * tolerance), tolerance=tolerance)
 
 
 def _tangent(name: str, tolerance: float) -> EffectParameter:
