@@ -134,8 +134,8 @@ def reduce_model(
 
     Raises
     ------
-    ConvergenceError : the estimate stays above 1 % (and `accuracy`) after `max_rounds` enrichments, or an
-        energy of the constants that the basis is orthonormal in is not positive
+    ConvergenceError : the estimate stays above 1 % (and `accuracy`) after `max_rounds` enrichments, or the
+        elastic or dielectric energy of the constants, in which the basis is orthonormal, is not positive
     """
     points = _distinct([_coefficients(model, point) for point in _with_neighbours(training)])
     every = _distinct([*points, *(_coefficients(model, point) for point in _reflections(training))])

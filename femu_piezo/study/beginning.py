@@ -21,7 +21,6 @@ from femu_piezo.study.measured import Measured, start_constants
 from femu_piezo.study.model_cache import LEAVE, Bases
 from femu_piezo.study.pole_zero_update import no_history, pole_zero_update
 from femu_piezo.study.posterior import COARSE_BASIS, COARSE_MESH
-from femu_piezo.study.problem import as_left
 from femu_piezo.study.results import rms
 from femu_piezo.study.starts import away_from_wall, in_proportion, is_hardly_stable
 from femu_piezo.study.tolerances import has_held_tolerances
@@ -66,7 +65,7 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     problem = measured[0].problem
     full = [bases.model(one, COARSE_MESH) for one in measured]
     faults = problem.fitted.physical_faults(passive=False)
-    if faults and not as_left(problem.specimen, problem.fitted).physical_faults(passive=False):
+    if faults and not problem.left.physical_faults(passive=False):
         return Beginning(problem.fitted, tuple(no_history(one.problem) for one in every))
     by_pole_zero = not has_effects(measured) and (bool(faults) or not any(map(_is_of_overtones, measured)))
     attempts = [lambda: _from_pole_zero(measured, full, bases)] if by_pole_zero else []

@@ -17,7 +17,10 @@ from femu_piezo.material.simplified import simplify
 from femu_piezo.specimen.file import Material, Simulation, Specimen
 from femu_piezo.study.shapes import first_mode_Hz, shape_of
 from femu_piezo.threads import made_once
+from femu_piezo.units import parse_quantity
 
+#: The effect by which a file states errors of held constants.
+_HELD = "wrong_insensitive_parameter"
 #: Eigenvalue error allowed at the end of a sweep of shapes other than rectangular plates.
 _ERROR_AT_END = 1e-3
 #: kg/m³ that a weighed piece may have: composites with polymers lie above, no solid of lead oxides reaches the end.
@@ -42,6 +45,16 @@ class Problem:
     constants: PiezoConstants
     density: float
     fitted: PiezoConstants
+
+    @property
+    def left(self) -> PiezoConstants:
+        """`fitted`, the held constants with the errors that [effects] and [fitted] state; InputError for no number."""
+        where, values = self.specimen.path or self.specimen.name, self.fitted.as_dict()
+        for kind in ("effects", "fitted"):
+            stated = (getattr(self.specimen, kind) or {}).get(_HELD, {})
+            for name in values.keys() & stated.keys():
+                values[name] *= 1 + parse_quantity(stated[name], "1", f"{where}: {kind}.{_HELD}.{name}")
+        return PiezoConstants(**values)
 
     @property
     def shear_speed(self) -> float:
@@ -128,21 +141,12 @@ def prepare(specimen: Specimen, *, check: bool = True) -> Problem:
             f"{where}: material.{charge} is zero, so a body poled along {_named(plate)} has no electrical "
             f"response; give material.{charge}"
         )
+    problem = Problem(specimen, plate, constants, float(density), fitted)
     if specimen.fitted_constants:  # a fit is passive within its tolerance, with the held constants where it left them
-        as_left(specimen, fitted).check(f"{where}: fitted.material", passive=False)
+        problem.left.check(f"{where}: fitted.material", passive=False)
     elif check:
         constants.check(f"{where}: material")
-    return Problem(specimen, plate, constants, float(density), fitted)
-
-
-def as_left(specimen: Specimen, constants: PiezoConstants) -> PiezoConstants:
-    """The constants with the errors of held ones that [effects] and [fitted] state."""
-    values = constants.as_dict()
-    for tables in (specimen.effects, specimen.fitted):
-        stated = (tables or {}).get("wrong_insensitive_parameter", {})
-        for name in values.keys() & stated.keys():
-            values[name] *= 1 + float(stated[name])
-    return PiezoConstants(**values)
+    return problem
 
 
 def refuse_nothing_free(specimens: Sequence[Specimen]) -> None:

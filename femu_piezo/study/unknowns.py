@@ -9,6 +9,7 @@ import numpy as np
 from femu_piezo.effects.constant_factor import ConstantFactor
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
+from femu_piezo.inference.coefficients import effects_on_constants, even_constants
 from femu_piezo.inference.readings import Reading
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
@@ -59,14 +60,9 @@ def as_filed(several: Sequence[Subject], unknowns: Unknowns, constants: PiezoCon
 
 
 def constants_found(unknowns: Unknowns, x: np.ndarray) -> PiezoConstants:
-    """The ten constants at x (n_x,): the free ones, and the real parts of the held ones as file and fit move them."""
-    values = unknowns.material.constants(x[: unknowns.of_material]).as_dict()
-    for effect, (error, *_) in unknowns.fixed:
-        if isinstance(effect.constants, ConstantFactor):
-            values[D_FORM[effect.constants.index]] *= 1 + error
-    for name, column, scale in _held(unknowns):
-        values[name] *= 1 + x[column] * scale
-    return PiezoConstants(**values)
+    """The ten constants at x (n_x,): the free ones, and the held ones where file and fit move them."""
+    held = [one for one in effects_on_constants(unknowns, x) if isinstance(one.effect.constants, ConstantFactor)]
+    return even_constants(unknowns, x, held)
 
 
 def _held(unknowns: Unknowns) -> Iterable[tuple[str, int, float]]:

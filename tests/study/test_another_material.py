@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hidden_effects.build import Build
 
-from femu_piezo.errors import ConvergenceError
+from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.readers import write_spectrum
@@ -20,7 +20,7 @@ from femu_piezo.study.diagnose import diagnose, extended_specimen
 from femu_piezo.study.measured import measure
 from femu_piezo.study.model_cache import Bases, SharedBases
 from femu_piezo.study.posterior import Posterior
-from femu_piezo.study.problem import as_left, prepare
+from femu_piezo.study.problem import prepare
 from femu_piezo.study.progress import Clock
 from femu_piezo.study.starts import away_from_wall, in_proportion, is_hardly_stable
 from femu_piezo.study.subjects import subjects
@@ -104,7 +104,16 @@ def test_a_diagnosis_names_the_held_constants_that_are_wrong(tmp_path):
         assert abs(estimate.value - getattr(PZT5A, name).real) < 3 * estimate.std < 0.05 * abs(estimate.value), name
     prepared = prepare(read_specimen(path))
     assert prepared.fitted.physical_faults(passive=False)
-    assert not as_left(prepared.specimen, prepared.fitted).physical_faults(passive=False)
+    assert not prepared.left.physical_faults(passive=False)
+
+
+def test_errors_of_held_constants_beside_fitted_ones_are_read_as_all_numbers_of_a_file(tmp_path):
+    """Per cent serve; what is no number is told with file and key."""
+    left = "[fitted.material]\ns11 = 16.4e-12\n[fitted.wrong_insensitive_parameter]\nd33 = {}"
+    problem = prepare(specimen(tmp_path, "pzt-5h", left.format('"-37 %"')))
+    assert problem.left.d33 == pytest.approx(0.63 * PZT5H.d33)
+    with pytest.raises(InputError, match=r"plate\.toml: fitted\.wrong_insensitive_parameter\.d33"):
+        prepare(specimen(tmp_path, "pzt-5h", left.format('"abc"')))
 
 
 def test_held_constants_that_the_file_corrects_are_of_no_other_material(tmp_path):
