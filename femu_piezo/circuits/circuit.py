@@ -25,6 +25,8 @@ _PER_DECADE, _REACH = 3, 10.0
 #: Resonances of modes outside the sweep, over its highest frequency; the lowest frequency over those below it. Modes
 #: farther off are part of C0: as branches they would take its place, and cancel relaxations of 10 times its size.
 _OUTSIDE = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0)
+#: Share to which modes below the sweep must bring the misfit: most sweeps begin below all modes.
+_BELOW = 1 / 3
 #: Numbers of broad resonances of either sign that are tried, and how far they reach beyond the band, as a share of its
 #: width in log f.
 _BROAD, _BEYOND = (8, 12, 16, 24, 32), 0.25
@@ -36,12 +38,12 @@ class Static:
 
     Attributes
     ----------
-    kind : "C", "R", "RC" in series, "LC" in series, a mode outside the sweep, or "RLC" in series, a broad resonance of
-        either sign that follows the rest of the curve and is no mode
+    kind : "C", "R", "RC" in series, "mode", L, R and C in series for a mode outside the sweep, or "RLC" in series, a
+        broad resonance of either sign that follows the rest of the curve and is no mode
     values : SI: C, R or L
     """
 
-    kind: Literal["C", "R", "RC", "LC", "RLC"]
+    kind: Literal["C", "R", "RC", "mode", "RLC"]
     values: dict[str, float]
 
     def admittance(self, omega: np.ndarray) -> np.ndarray:
@@ -148,12 +150,13 @@ def fit_circuit(
     """The circuit of given branches and of further elements that follow the rest of a curve.
 
     The branches keep their residues. The rest is smooth and is followed by a capacitor, relaxations (R and C in series)
-    and lossless modes outside the sweep, all of them nonnegative, and by a resistor, which is negative where it takes
-    back the direct current through the Rp of the branches, but no more than that: a circuit that gives direct current
-    is a source, and its voltage grows with open terminals; by least squares relative to |Y| (nonnegative: Lawson and
-    Hanson 1974). A circuit of R, L and C is causal, so that its C falls by (2/π) tan δ per e-fold of
-    frequency (Kramers and Kronig), which a model of constant complex moduli does not do: over a wide band they differ
-    by that. Where the rms misfit is larger (`_PASSIVE`), as for a sweep that no passive body has, a capacitor, a
+    and modes outside the sweep, with the median quality factor of the branches, all of them nonnegative, and by a
+    resistor, which is negative where it takes back the direct current through the Rp of the branches, but no more than
+    that: a circuit that gives direct current is a source, and its voltage grows with open terminals; by least squares
+    relative to |Y| (nonnegative: Lawson and Hanson 1974). Modes below the sweep are there only where the misfit asks
+    for them (`_BELOW`). A circuit of R, L and C is causal, so that its C falls by (2/π) tan δ per e-fold of frequency
+    (Kramers and Kronig), which a model of constant complex moduli does not do: over a wide band they differ by that.
+    Where the rms misfit is larger (`_PASSIVE`), as for a sweep that no passive body has, a capacitor, a
     resistor and broad resonances of either sign (`Static`) replace these elements: as many as bring the misfit below
     half of that between curve and sweep, or below `_MISSED`.
 
@@ -164,9 +167,14 @@ def fit_circuit(
     """
     ordered = tuple(sorted(branches, key=lambda one: one.frequency_Hz))
     omega = 2 * np.pi * frequency
-    units = _dictionary(omega)
-    units += [_scaled(unit, -1.0) for unit in units if unit.kind == "R"]
-    circuit = Circuit(name, ordered, _rest(ordered, units, omega, curve), frequency, curve, sweep)
+    static, above, below = _dictionary(omega, _loss(ordered))
+
+    def with_rest(units: list[Static]) -> Circuit:
+        return Circuit(name, ordered, _rest(ordered, units, omega, curve), frequency, curve, sweep)
+
+    circuit, with_modes_below = with_rest(static + above), with_rest(static + above + below)
+    if with_modes_below.misfit[0] < _BELOW * circuit.misfit[0]:
+        circuit = with_modes_below
     if circuit.misfit[0] > _PASSIVE:
         enough = max(_MISSED, 0.0 if sweep is None else _relative_misfit(curve, sweep)[0] / 2)
         for count in _BROAD:
@@ -233,18 +241,30 @@ def _weights(omega: np.ndarray) -> np.ndarray:
     return np.sqrt(shares[0] + shares[1])
 
 
-def _dictionary(omega: np.ndarray) -> list[Static]:
-    """Elements of 1 F or 1 ohm, whose multiples make up the rest of the circuit."""
+def _loss(branches: Sequence[Branch]) -> float:
+    """Median of the reciprocal quality factors of the branches, 0 where there are none."""
+    return max(0.0, float(np.median([1 / one.quality_factor for one in branches]))) if branches else 0.0
+
+
+def _dictionary(omega: np.ndarray, loss: float) -> tuple[list[Static], list[Static], list[Static]]:
+    """Elements of 1 F or 1 ohm, whose multiples make up the rest of the circuit: static ones, modes above and below.
+
+    loss : reciprocal quality factor of the modes
+    """
     low, high = float(omega[0]), float(omega[-1])
     count = int(np.ceil(_PER_DECADE * np.log10(high * _REACH**2 / low))) + 1
     corners = np.geomspace(low / _REACH, high * _REACH, count)
-    outside = [high * factor for factor in _OUTSIDE] + [low / factor for factor in _OUTSIDE]
-    return [
+    static = [
         Static("C", {"C": 1.0}),
         _OHM,
+        _scaled(_OHM, -1.0),
         *(Static("RC", {"R": float(1 / corner), "C": 1.0}) for corner in corners),
-        *(Static("LC", {"L": float(1 / place**2), "C": 1.0}) for place in outside),
     ]
+    above, below = (
+        [Static("mode", {"L": float(1 / place**2), "R": float(loss / place), "C": 1.0}) for place in places]
+        for places in ([high * factor for factor in _OUTSIDE], [low / factor for factor in _OUTSIDE])
+    )
+    return static, above, below
 
 
 def _scaled(unit: Static, amount: float) -> Static:
@@ -283,7 +303,7 @@ def _notes(circuit: Circuit) -> list[str]:
         )
     if largest > _MISSED and not broad:
         found.append(
-            "a circuit of R, L and C is causal and passive; it cannot follow loss tangents that are constant over a "
-            "wide band (Kramers and Kronig), nor the errors of a sweep"
+            "a circuit of R, L and C is causal; it cannot follow loss tangents that are constant over a wide band "
+            "(Kramers and Kronig), nor the errors of a sweep"
         )
     return found

@@ -161,6 +161,36 @@ def test_the_circuit_is_passive_at_every_frequency(circuit):
     assert np.all(circuit.admittance(2 * np.pi * np.geomspace(1e-3, 1e9, 20001)).real >= 0)
 
 
+def test_the_circuit_of_a_sweep_from_below_all_modes_is_a_capacitor_there(circuit):
+    """C at 1 Hz within 1 % of the exact bar's at 1 kHz, where the sweep begins, and no mode below it."""
+    exact = 1 / (2j * np.pi * 1e3 * Bar().impedance(np.array([1e3]))[0])
+    omega = 2 * np.pi * np.geomspace(1.0, 1e3, 400)
+    np.testing.assert_allclose(circuit.admittance(omega).imag / omega, exact.real, rtol=0.01)
+    assert min(places_outside(circuit)) > 200e3
+
+
+def test_a_sweep_from_above_a_mode_asks_for_a_mode_below():
+    """The bar from 60 kHz, its first mode at 41 kHz: without a mode below, no passive elements follow the curve."""
+    frequency = np.linspace(60e3, 250e3, 3001)
+    found = fp.circuit(ImpedanceSpectrum(frequency, Bar().impedance(frequency)))
+    assert found.misfit[1] < 1e-3 and not any(part.kind == "RLC" for part in found.static)
+    assert min(places_outside(found)) < 60e3
+
+
+def test_modes_outside_are_damped_as_the_others(circuit):
+    loss = np.median([1 / one.quality_factor for one in circuit.branches])
+    outside = [part.values for part in circuit.static if part.kind == "mode"]
+    assert outside and loss > 0
+    for values in outside:
+        assert values["R"] * np.sqrt(values["C"] / values["L"]) == pytest.approx(loss, rel=1e-12)
+
+
+def places_outside(circuit) -> list[float]:
+    """Resonances of the modes outside the sweep, Hz."""
+    outside = [part.values for part in circuit.static if part.kind == "mode"]
+    return [1 / (2 * np.pi * np.sqrt(values["L"] * values["C"])) for values in outside]
+
+
 def test_files(circuit, bar, tmp_path):
     write_spectrum(bar, tmp_path / "bar 40.csv")
     out = tmp_path / "out"

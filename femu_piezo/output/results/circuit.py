@@ -44,7 +44,8 @@ class EquivalentCircuit(Result, Circuit):
                 cells.append(number(branch.elements[key] * factor, None if std is None else std * factor))
             table.add_row(*cells)
         kinds = [part.kind for part in self.static]
-        counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("R", "RC", "LC", "RLC") if kind in kinds)
+        words = {"R": "R", "RC": "RC", "mode": "RLC of modes outside", "RLC": "RLC"}
+        counts = ", ".join(f"{kinds.count(kind)} {word}" for kind, word in words.items() if kind in kinds)
         counts += ", of either sign" if "RLC" in kinds else ""
         static = ", ".join(filter(None, [f"C0 = {1e12 * self.static_capacitance:.6g} pF", counts]))
         static_words = f"beside the branches: {static} (circuit.cir)"
