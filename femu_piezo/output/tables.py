@@ -140,7 +140,7 @@ def figures_table(figures: StandardFigures, name: str = "", *, short: bool = Fal
             cells += [figure_words(one, model=True), deviation_percent(one.deviation)]
         table.add_row(*cells, *([] if short else [one.meaning]))
     sentences = [figures.formula_words] if figures.formula_words else []
-    return Group(table, text_of([*sentences, *([] if short else note_lines(figures.notes))]))
+    return Group(table, text_of([*sentences, *note_lines(figures.notes)]))
 
 
 def figure_words(one: Figure, model: bool = False) -> str:

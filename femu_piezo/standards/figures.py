@@ -136,10 +136,15 @@ class StandardFigures:
 
     def with_coupling_std(self, std: float) -> StandardFigures:
         """The same with the standard deviation of k_eff; nan where it is not known."""
-        known = None if np.isnan(std) else std
-        return replace(
-            self, figures=tuple(replace(one, std=known) if one.name == "k_eff" else one for one in self.figures)
-        )
+        return self._with("k_eff", std=None if np.isnan(std) else std)
+
+    def with_model(self, name: str, value: float) -> StandardFigures:
+        """The same with a value of the model for a figure, where the sweep gives that figure; SI."""
+        return self._with(name, model=value)
+
+    def _with(self, name: str, **changes: float | None) -> StandardFigures:
+        changed = (replace(one, **changes) if one.name == name else one for one in self.figures)
+        return replace(self, figures=tuple(changed))
 
     @property
     def formula_words(self) -> str | None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -63,6 +64,7 @@ class DiagnosedSweep:
     measured : the sweep with its poles and zeros
     constants : of the final model under the conditions of this sweep
     body : these constants on the body of the file, without causes and tolerances (`body_alone`)
+    impedance : of the final model at frequencies (k,) Hz: (k,) ohm
     """
 
     specimen: Specimen
@@ -76,6 +78,7 @@ class DiagnosedSweep:
     measured: Measured
     constants: PiezoConstants
     body: ModalModel = field(repr=False)
+    impedance: Callable[[np.ndarray], np.ndarray] = field(repr=False)
 
     @made_once
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
@@ -88,7 +91,7 @@ class DiagnosedSweep:
     @made_once
     def figures(self) -> tuple[StandardFigures, ...]:
         """Standard figures of the sweep, one for each mode that the standards know, beside those of the final model."""
-        return figures_of(self.measured, self.constants, (self.spectrum.frequency, self.curves[1]), self.body)
+        return figures_of(self.measured, self.constants, self.curves[1], self.impedance, self.body)
 
     @made_once
     def linear_body(self) -> LinearBody | None:
@@ -266,6 +269,7 @@ def diagnose(
             measured=one.measured,
             constants=_constants_under(posterior, index, comparison.final),
             body=body_alone(posterior, index, comparison.final),
+            impedance=partial(posterior.impedance, index, comparison.final),
         )
         for index, one in enumerate(several)
     )

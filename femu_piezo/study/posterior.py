@@ -6,6 +6,7 @@ Several sweeps of one specimen have one mesh and one basis.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -246,10 +247,15 @@ class Posterior:
 
     def curve(self, index: int, fit_: Fit | ManyModes) -> np.ndarray:
         """Z (k,), ohm, of sweep number `index` over all its points, by a fit; that of the fit where it saw them all."""
-        if isinstance(fit_, Fit) and fit_.impedance is not None and np.all(self.several[index].fitted):
+        one = self.several[index]
+        if isinstance(fit_, Fit) and fit_.impedance is not None and np.all(one.fitted):
             return fit_.impedance[fit_.data.sweeps[index]]
+        return self.impedance(index, fit_, one.measured.spectrum.frequency)
+
+    def impedance(self, index: int, fit_: Fit | ManyModes, frequency: np.ndarray) -> np.ndarray:
+        """Z (k,), ohm, under the conditions of sweep number `index` at any frequencies (k,), Hz, by a fit."""
         evaluation, unknowns, columns = self.whole_sweep(index, fit_)
-        return evaluation.impedance(unknowns, fit_.x[columns])
+        return replace(evaluation, omega=2 * np.pi * frequency).impedance(unknowns, fit_.x[columns])
 
     def log_slopes(self, index: int, fit_: Fit) -> np.ndarray:
         """(k, n_x) slopes of log Z of sweep number `index` over all its points, in all unknowns of a fit."""

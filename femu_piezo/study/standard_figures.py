@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -24,7 +24,14 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.rational_curve import RationalCurve, rational_curve
 from femu_piezo.resonances import Resonance
 from femu_piezo.specimen.file import Simulation, Specimen
-from femu_piezo.standards.figures import CurveFigures, StandardFigures, is_second_radial, read_curve, standard_figures
+from femu_piezo.standards.figures import (
+    STATED,
+    CurveFigures,
+    StandardFigures,
+    is_second_radial,
+    read_curve,
+    standard_figures,
+)
 from femu_piezo.standards.frequencies import Admittance
 from femu_piezo.standards.piece import Piece, material_figures
 from femu_piezo.study.measured import Measured, Sweep, measure
@@ -50,33 +57,57 @@ def figures_of_specimen(specimen: Specimen, spectrum: Sweep | None = None) -> tu
     """
     measured = measure(specimen, spectrum)
     frequency = measured.spectrum.frequency
-    wish = Simulation(start=float(frequency[0]), stop=float(frequency[-1]), points=max(801, 2 * frequency.size))
-    curve = simulate(specimen.model_copy(update={"simulation": wish})).spectrum
-    return figures_of(measured, measured.problem.fitted, (curve.frequency, curve.impedance))
+
+    def curve(start: float, stop: float, points: int) -> RationalCurve:
+        wish = Simulation(start=start, stop=stop, points=points)
+        simulated = simulate(specimen.model_copy(update={"simulation": wish})).spectrum
+        return rational_curve(simulated.frequency, simulated.impedance)
+
+    def impedance(at: np.ndarray) -> np.ndarray:
+        return 1 / curve(float(at[0]), 2 * float(at[0]), 20).admittance(2 * np.pi * at)
+
+    model = curve(float(frequency[0]), float(frequency[-1]), max(801, 2 * frequency.size))
+    return _of_modes(measured, measured.problem.fitted, model, impedance)
 
 
 def figures_of(
     measured: Measured,
     constants: PiezoConstants,
-    curve: tuple[np.ndarray, np.ndarray],
-    body: ModalModel | None = None,
+    curve: np.ndarray,
+    impedance: Callable[[np.ndarray], np.ndarray],
+    body: ModalModel,
 ) -> tuple[StandardFigures, ...]:
     """The figures of a sweep beside those of a computed curve.
 
     Parameters
     ----------
     constants : from which the curve was computed
-    curve : frequencies (k,) Hz and impedances (k,) ohm without noise
-    body : of the constants on the body of the file (`body_alone`); None where the curve itself is that
+    curve : (k,) Z without noise at the frequencies of the sweep, ohm;  impedance : the same at other frequencies, Hz
+    body : of the constants on the body of the file (`body_alone`)
 
     Empty where the sweep does not hold the fundamental.
     """
     if not measured.holds_fundamental:
         return ()
-    model = rational_curve(*curve)
-    return tuple(
+    return _of_modes(measured, constants, rational_curve(measured.spectrum.frequency, curve), impedance, body)
+
+
+def _of_modes(
+    measured: Measured,
+    constants: PiezoConstants,
+    model: RationalCurve,
+    impedance: Callable[[np.ndarray], np.ndarray],
+    body: ModalModel | None = None,
+) -> tuple[StandardFigures, ...]:
+    """`figures_of` for a rational function of the curve; no `body` where the curve itself is that of the body."""
+    found = tuple(
         _figures(measured, piece, pair, constants, model, body) for piece, pair in _modes_told(measured, constants)
     )
+    if measured.spectrum.frequency[0] <= STATED:
+        return found
+    stated = np.array([STATED])  # the model gives it without extrapolation
+    capacitance = float((1 / impedance(stated)[0]).imag / (2 * np.pi * STATED))
+    return tuple(one.with_model("C_T", capacitance) for one in found)
 
 
 def body_alone(posterior: Posterior, index: int, found: Fit | ManyModes) -> ModalModel:

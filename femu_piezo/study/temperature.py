@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from femu_piezo.effects.constant_factor import ConstantFactor
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import PiezoConstants
@@ -112,10 +113,13 @@ def _column(found: Fit, effect: int, label: str) -> tuple[int, float]:
 
 
 def constants_under(conditions: Unknowns, x: np.ndarray) -> PiezoConstants:
-    """The constants at x (n_x,) under the conditions of one sweep, whose unknowns `conditions` are."""
+    """The constants at x (n_x,) under the conditions of one sweep, whose unknowns `conditions` are.
+
+    The held ones are as file and fit move them.
+    """
     constants = conditions.material.constants(x[: conditions.of_material]).vector()[None]
     none, omega = np.zeros((1, constants.size, 0), dtype=complex), np.ones(1)
     for effect, values in (*conditions.fixed, *zip(conditions.effects, conditions.values(x), strict=True)):
-        if effect.of_conditions and effect.constants is not None:
+        if effect.constants is not None and (effect.of_conditions or isinstance(effect.constants, ConstantFactor)):
             constants = effect.constants(constants, none, omega, values)[0]
     return PiezoConstants.from_vector(constants[0])

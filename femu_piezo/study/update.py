@@ -261,6 +261,7 @@ def _outcome(
         mesh=mesh_words(model, posterior.models[index]),
         constants=constants_under(unknowns, x),
         body=body_alone(posterior, index, found),
+        impedance=partial(posterior.impedance, index, found),
         noise_memory=posterior.several[index].noise_memory,
     )
 

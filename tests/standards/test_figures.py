@@ -351,6 +351,22 @@ def test_a_sweep_above_the_fundamental_has_no_figures_of_a_bar(tmp_path):
     assert "other modes lie below" in above.notes[0] and "above the fundamental" in above.title
 
 
+def test_the_capacitance_of_the_model_is_that_at_1_khz(tmp_path):
+    """A shear plate from 200 kHz: read off the sweep it is a formula's value; the model gives ε11T A/t to 1e-3."""
+    (tmp_path / "shear.toml").write_text(
+        'name = "shear"\n[geometry]\nshape = "plate"\nlength = "4 mm"\nwidth = "2 mm"\nthickness = "1 mm"\n'
+        'poling = [1, 0, 0]\ndensity = 7500.0\n[material]\nbase = "pzt-5h"\n'
+        "tan_s44 = 0.015\ntan_d15 = 0.015\ntan_eps11T = 0.015\n",
+        encoding="utf-8",
+    )
+    specimen = fp.read_specimen(tmp_path / "shear.toml")
+    wish = Simulation(start=200e3, stop=1.1e6, points=401)
+    sweep = fp.simulate(specimen.model_copy(update={"simulation": wish})).spectrum
+    figure = fp.standard_figures(sweep, specimen).modes[0]["C_T"]
+    exact = library_material("pzt-5h").constants.eps11T.real * 8e-6 / 1e-3
+    assert figure.model == pytest.approx(exact, rel=1e-3) and abs(figure.deviation) > 5e-3
+
+
 @pytest.mark.slow
 def test_error_of_the_bar_formula_follows_lateral_inertia(plates):
     """Rayleigh and Love: lateral motion lowers fs by π² (σ12² w² + σ13² t²)/(24 l²), and s11 is found too large by
