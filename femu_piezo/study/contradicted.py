@@ -1,4 +1,4 @@
-"""What a fit says against the numbers that a specimen file states: dimensions, density and held constants."""
+"""What a fit says against the tolerances that it allows: of dimensions, density, held constants, instrument, sweeps."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from femu_piezo.effects.constant_factor import ConstantFactor
 from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.library.between_sweeps import REPEATABILITY
 from femu_piezo.effects.words import quantity
 from femu_piezo.inference.budget import source_of
 from femu_piezo.inference.fit import Fit
@@ -16,20 +17,38 @@ from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material, library_names
 from femu_piezo.study.unknowns import constants_found
 
+#: Kind of tolerance that each source of uncertainty is told as.
+_KINDS = {"geometry": "file", "density": "file", "instrument": "instrument"}
+_SENTENCES = {
+    "file": "the sweep contradicts the file by many of its standard deviations (σ): {moved}; check these numbers, or "
+    "let `femu-piezo diagnose` look for what the model lacks",
+    "sweeps": "the sweeps contradict each other: their resonances are shifted by many standard deviations (σ) of what "
+    "differs from sweep to sweep, {moved}; check temperature, drive and clamping, and that all are of one piece",
+    "instrument": "the sweep contradicts the accuracy of instrument and fixture by many standard deviations (σ): "
+    "{moved}; compensate open and short, state what is there in [effects], or let `femu-piezo diagnose` look for it",
+}
 
-def contradicted(found: Fit) -> list[str]:
-    """A note where the fit moved dimensions or density by more than `CONTRADICTS` of their standard deviations."""
-    moved = [
-        f"{effect.title.removeprefix('wrong_')} {_size(effect, away)}"
-        for effect, away in _moved(found)
-        if source_of(effect) in ("geometry", "density")
-    ]
-    if not moved:
-        return []
-    return [
-        f"the sweep contradicts the file by many of its standard deviations (σ): {', '.join(moved)}; check these "
-        "numbers, or let `femu-piezo diagnose` look for what the model lacks"
-    ]
+
+def contradicted(found: Fit, kinds: Sequence[str] = tuple(_SENTENCES)) -> list[str]:
+    """A note for each kind of tolerance of which the fit moved some by more than `CONTRADICTS` standard deviations.
+
+    Those of held constants are told by `of_another_material`.
+
+    kinds : "file" (dimensions and density), "sweeps" (one against the other), "instrument"
+    """
+    told: dict[str, list[str]] = {kind: [] for kind in kinds}
+    for effect, number, away in _moved(found):
+        kind = "sweeps" if effect.name == REPEATABILITY else _KINDS.get(source_of(effect))
+        if kind in told:
+            told[kind].append(f"{_label(effect, number)} {_size(effect, number, away)}")
+    return [_SENTENCES[kind].format(moved=", ".join(moved)) for kind, moved in told.items() if moved]
+
+
+def _label(effect: Effect, number: int) -> str:
+    """A tolerance in words: "width", "stray capacitance", "repeatability, sweep 2"."""
+    title = effect.title.removeprefix("wrong_")
+    words = f"{title}, {effect.parameters[number].name}" if number else title
+    return (effect.parameters[number].name if effect.name == REPEATABILITY else words).replace("_", " ")
 
 
 def of_another_material(found: Fit, base: str | None) -> list[str]:
@@ -38,9 +57,9 @@ def of_another_material(found: Fit, base: str | None) -> list[str]:
     base : library material of the specimen file
     """
     moved = {
-        D_FORM[effect.constants.index]: _size(effect, away)
-        for effect, away in _moved(found)
-        if isinstance(effect.constants, ConstantFactor)
+        D_FORM[effect.constants.index]: _size(effect, number, away)
+        for effect, number, away in _moved(found)
+        if isinstance(effect.constants, ConstantFactor) and number == 0
     }
     if not moved:
         return []
@@ -70,15 +89,17 @@ def nearest_material(constants: PiezoConstants, names: Sequence[str]) -> str:
     return min(library_names(), key=distance)
 
 
-def _moved(found: Fit) -> Iterator[tuple[Effect, float]]:
-    """The effects whose first parameter, a relative error, the fit moved far from rest, and how far."""
+def _moved(found: Fit) -> Iterator[tuple[Effect, int, float]]:
+    """Effects with a parameter that the fit moved far from rest, the number of that parameter, and how far."""
     for effect, values in zip(found.parameters.effects, found.parameters.values(found.x), strict=True):
-        away = float(values[0] - effect.rest[0])
-        if abs(away) > CONTRADICTS * effect.tolerance[0] > 0:
-            yield effect, away
+        for number, away in enumerate((values - effect.rest).tolist()):
+            if abs(away) > CONTRADICTS * effect.tolerance[number] > 0:
+                yield effect, number, away
 
 
-def _size(effect: Effect, away: float) -> str:
-    """A relative error in words, and over its standard deviation."""
-    sign = "+" if away > 0 else ""
-    return f"{sign}{quantity(effect.parameters[0], float(f'{away:.2g}'))} ({abs(away) / effect.tolerance[0]:.0f} σ)"
+def _size(effect: Effect, number: int, away: float) -> str:
+    """How far a parameter was moved, in words, and over its standard deviation."""
+    parameter, sign = effect.parameters[number], "+" if away > 0 else ""
+    size = float(f"{away:.2g}")
+    told = f"{100 * size:.2g} %" if effect.name == REPEATABILITY else quantity(parameter, size)
+    return f"{sign}{told} ({abs(away) / effect.tolerance[number]:.0f} σ)"

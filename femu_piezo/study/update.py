@@ -289,21 +289,29 @@ def _known(found: Fit) -> Identifiability:
 
 
 def _provenance(found: Fit, measured: Sequence[Measured]) -> dict[str, dict[str, float]]:
-    """Constant → sweep or "prior" → its share of |∂residual/∂x|² at the noise level, real part and tangent together.
+    """Constant → sweep or "prior" → its share of what is known of the real part.
 
-    That is the information each would give on the constant if all others were known.
+    Of each sweep, by how much the precision (1/variance) with this sweep alone exceeds that of the prior, all other
+    unknowns marginalised; of the prior, its precision.
     """
-    k, slopes, result = found.residual.size // 2, found.jacobian / found.level, {}
-    for index, name in enumerate(found.parameters.material.free.names):
-        columns = slice(2 * index, 2 * index + 2)
-        parts = {
-            one.problem.specimen.name: float(np.sum(slopes[np.concatenate([own, own + k])][:, columns] ** 2))
-            for one, own in zip(measured, found.data.sweeps, strict=True)
-        }
-        parts["prior"] = float(np.sum(found.further_jacobian[:, columns] ** 2))
-        total = sum(parts.values())
-        result[name] = {source: part / total for source, part in parts.items()}
-    return result
+    k, std = found.residual.size // 2, found.parameters.prior_std
+    slopes, further = found.jacobian * (std / found.level), found.further_jacobian * std
+
+    def precision(rows: np.ndarray) -> np.ndarray:
+        """(n_x,) 1/variance, per prior deviation, of each unknown by these rows beside those of the prior."""
+        return 1 / np.diag(np.linalg.inv(rows.T @ rows + further.T @ further))
+
+    prior = precision(slopes[:0])
+    by_sweep = {
+        one.problem.specimen.name: np.maximum(precision(slopes[np.concatenate([own, own + k])]) - prior, 0.0)
+        for one, own in zip(measured, found.data.sweeps, strict=True)
+    }
+    parts = {**by_sweep, "prior": prior}
+    total = sum(parts.values())
+    return {
+        name: {source: float(part[2 * index] / total[2 * index]) for source, part in parts.items()}
+        for index, name in enumerate(found.parameters.material.free.names)
+    }
 
 
 def _notes(

@@ -121,6 +121,8 @@ def test_joint_k31_and_k33_determine_more_constants(sweeps, write_specimen_of, t
         shares = result.provenance[name]
         assert shares[source] == max(shares.values()) > 0.9, name
         assert sum(shares.values()) == pytest.approx(1)
+    precision = [update(read_specimen(path)).parameters["eps33T"].std ** -2.0 for path in paths]
+    assert result.provenance["eps33T"]["k31"] == pytest.approx(precision[0] / sum(precision), abs=0.03)
 
 
 @pytest.mark.usefixtures("bases_not_kept")
@@ -290,7 +292,7 @@ def test_shares_of_what_is_known_count_the_noise_that_was_found(sweeps, write_sp
     shares = []
     for stated in (5e-3, 5e-4):
         sweep = noisy_sweep(sweeps["k31"], 5e-3, 3)
-        extra, more = 'std_s11 = "0.002 %"', f"noise = {stated}"
+        extra, more = 'std_s11 = "0.002 %"', f"noise = {stated}\n{IDEAL}"
         result = update(read_specimen(write_specimen_of("k31", sweep, TRIO, {}, extra=extra, more=more)))
         shares.append(result.provenance["s11"]["prior"])
     assert 0.05 < shares[0] < 0.95 and shares[1] == pytest.approx(shares[0], rel=0.2)

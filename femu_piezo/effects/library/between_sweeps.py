@@ -3,10 +3,12 @@
     θ → θ (1 + a ΔT)(1 − j b ΔT)    for every constant, free or held, ΔT from the mean temperature of all sweeps,
 
 so that b is the growth of the loss tangent per kelvin. a includes the thermal expansion of the body, some 1e-6/K.
-Changes that are not stated (a few tenths of a kelvin, a new grip) shift the resonances of each further sweep against
-those of the first by a small share p,
+Changes that are not stated (a few tenths of a kelvin, a new grip) shift the resonances of each sweep by a small share p
+of its own,
 
-    s_ij → s_ij/(1 + p)².
+    s_ij → s_ij/(1 + p)²,
+
+so that the constants are those of the mean of all sweeps, whichever comes first.
 """
 
 from __future__ import annotations
@@ -16,6 +18,8 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.material.constants import D_FORM
 
+#: Name of the effect whose parameters are the shifts of the sweeps.
+REPEATABILITY = "repeatability"
 #: Prior standard deviations of temperature coefficients of ceramics, 1/K: of compliances, of the other constants, and
 #: of all tangents.
 _ELASTIC, _ELECTRIC, _TANGENT = 1e-3, 5e-3, 1e-3
@@ -47,12 +51,10 @@ def _coefficients(context: EffectContext):
 def _shift(number: int):
     def constants(theta, tangents, omega, p):
         by_p = np.zeros((*theta.shape, p.size), dtype=complex)
-        if number == 0:
-            return theta, tangents, by_p
-        theta, tangents, w = theta.copy(), tangents.copy(), 1 + p[number - 1]
+        theta, tangents, w = theta.copy(), tangents.copy(), 1 + p[number]
         theta[:, _COMPLIANCES] /= w**2
         tangents[:, _COMPLIANCES] /= w**2
-        by_p[:, _COMPLIANCES, number - 1] = -2 * theta[:, _COMPLIANCES] / w
+        by_p[:, _COMPLIANCES, number] = -2 * theta[:, _COMPLIANCES] / w
         return theta, tangents, by_p
 
     return constants
@@ -78,17 +80,17 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 of_conditions=True,
             )
         )
-    repeats = context.tolerances.get("repeatability", 0.0)
+    repeats = context.tolerances.get(REPEATABILITY, 0.0)
     if conditions.count > 1 and repeats:
         found.append(
             Effect(
-                name="repeatability",
+                name=REPEATABILITY,
                 sentence="the resonance frequencies of the specimen differ from sweep to sweep",
                 parameters=tuple(
                     EffectParameter(
                         f"sweep_{number + 1}", "1", -0.01, 0.01, repeats, repeats, optional=True, tolerance=repeats
                     )
-                    for number in range(1, conditions.count)
+                    for number in range(conditions.count)
                 ),
                 constants=_shift(conditions.number),
                 of_specimen=True,
