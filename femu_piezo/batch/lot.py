@@ -27,6 +27,8 @@ FALSE_ALARM = 0.05
 _MAD_TO_SIGMA = 1.4826
 #: What differs among notes of one kind.
 _VARYING = re.compile(rf"\b(tan_)?({'|'.join(CONSTANTS)})\b|[-+−]?\d[\d.]*(e[-+]?\d+)?( ?%)?|[(),;]")
+#: Most digits of a number in words.
+_MOST_DIGITS = 12
 #: Relative spread below which values count as equal.
 _EQUAL = 1e-9
 
@@ -102,7 +104,7 @@ class Lot:
     ----------
     counts : number of specimens, and of those of each status
     verdicts, causes : how many diagnoses came to which verdict, and named which cause first
-    faults : files without a result, with the reason
+    faults : files without a result, with the reason;  doubtful : files whose result is of little use, and why
     notes : what is told of at least half of the updates: of how many, in the words of the first; most frequent first
     same : files with the same content of their sweeps, several in each group
     """
@@ -113,6 +115,7 @@ class Lot:
     distributions: tuple[Distribution, ...]
     outliers: tuple[Outlier, ...]
     faults: tuple[tuple[str, str], ...]
+    doubtful: tuple[tuple[str, str], ...] = ()
     notes: tuple[tuple[int, str], ...] = ()
     same: tuple[tuple[str, ...], ...] = ()
 
@@ -125,6 +128,7 @@ class Lot:
             "quantities": {one.quantity: one.to_json() for one in self.distributions},
             "outliers": [vars(one) for one in self.outliers],
             "faults": [{"file": file, "reason": reason} for file, reason in self.faults],
+            "doubtful": [{"file": file, "reason": reason} for file, reason in self.doubtful],
             "notes": [{"count": count, "note": note} for count, note in self.notes],
             "same_sweeps": [list(files) for files in self.same],
         }
@@ -142,8 +146,21 @@ def lot_of(rows: Sequence[dict], same: Sequence[tuple[str, ...]] = ()) -> Lot:
         status: sum(row["status"] == status for row in rows) for status in ("ok", "failed", "lost")
     }
     faults = tuple((row["file"], row["reason"]) for row in rows if row["status"] != "ok")
+    doubtful = tuple((row["file"], row["doubt"]) for row in good if row.get("doubt"))
     verdicts, causes = (_counted(good, column) for column in ("verdict", "cause"))
-    return Lot(counts, verdicts, causes, distributions, tuple(outliers), faults, _common_notes(good), tuple(same))
+    files = {row["file"] for row in good}
+    groups = (tuple(file for file in group if file in files) for group in same)
+    return Lot(
+        counts,
+        verdicts,
+        causes,
+        distributions,
+        tuple(outliers),
+        faults,
+        doubtful,
+        _common_notes(good),
+        tuple(group for group in groups if len(group) > 1),
+    )
 
 
 def _common_notes(good: Sequence[dict]) -> tuple[tuple[int, str], ...]:
@@ -232,10 +249,10 @@ def _reason(distribution: Distribution, value: float, distance: float, factor: f
     """Why a value is an outlier; it is written in a unit, with its factor from SI."""
     about = "the drift of the lot" if distribution.drifts else "the median of the lot"
     side = "above" if distance > 0 else "below"
-    return (
-        f"{distribution.quantity} = {factor * value:.5g}{unit} is {abs(distance):.1f} σ {side} {about} "
-        f"({factor * distribution.centre:.5g}{unit})"
+    shown, centre = (
+        _shown(factor * one, factor * (value - distribution.centre)) for one in (value, distribution.centre)
     )
+    return f"{distribution.quantity} = {shown}{unit} is {abs(distance):.1f} σ {side} {about} ({centre}{unit})"
 
 
 def counts_words(lot: Lot) -> str:
@@ -266,6 +283,7 @@ def lot_text(lot: Lot) -> str:
             lines.append(f"    diagnosis: {of_file[0].diagnosis}")
         if of_file[0].notes:
             lines.append(f"    notes: {of_file[0].notes}")
+    lines += [f"doubtful result of {file}: {reason}" for file, reason in lot.doubtful]
     lines += [f"{count} of {lot.counts['ok']} updates, the first: {note}" for count, note in lot.notes]
     lines += [f"the same sweep, counted as {len(files)} pieces: {', '.join(files)}" for files in lot.same]
     lines += [f"no result for {file}: {reason}" for file, reason in lot.faults]
@@ -278,14 +296,27 @@ def _distribution_line(one: Distribution) -> str:
     if one.values.size == 1:
         std = "" if one.measurement is None else f", std of the measurement {_share(one.measurement, one.centre)}"
         return f"{one.quantity:13s} {factor * one.centre:.5g}{unit}, one value{std}"
-    low, high = (factor * limit for limit in one.limits)
+    step = factor * (one.limits[1] - one.limits[0])
+    centre, low, high = (_shown(factor * value, step) for value in (one.centre, *one.limits))
     beyond = f"{one.beyond} beyond" if one.values.size >= FEWEST else "values beyond are not counted"
     return (
-        f"{one.quantity:13s} median {factor * one.centre:.5g}{unit}, robust std {_share(one.sigma, one.centre)}"
+        f"{one.quantity:13s} median {centre}{unit}, robust std {_share(one.sigma, one.centre)}"
         + ("" if one.measurement is None else f", std of one measurement {_share(one.measurement, one.centre)}")
-        + f", limits {low:.5g} … {high:.5g}{unit} ({beyond})"
-        + (f", drifts by {one.drift / one.centre:+.2%} over the lot (p = {one.drift_p:.1g})" if one.drifts else "")
+        + f", limits {low} … {high}{unit} ({beyond})"
+        + (
+            f", drifts by {100 * one.drift / one.centre:+.2g} % over the lot (p = {one.drift_p:.1g})"
+            if one.drifts
+            else ""
+        )
     )
+
+
+def _shown(value: float, step: float) -> str:
+    """A number with five digits, or as many more as show two of a step (`_MOST_DIGITS` at most)."""
+    digits = 5
+    if step and value:
+        digits = int(np.clip(np.floor(np.log10(abs(value))) - np.floor(np.log10(abs(step))) + 2, 5, _MOST_DIGITS))
+    return f"{value:.{digits}g}"
 
 
 def _unit(quantity: str) -> tuple[float, str]:

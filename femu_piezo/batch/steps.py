@@ -43,6 +43,7 @@ def update_columns(result: UpdateResult) -> dict[str, Value]:
     columns |= {"pole_Hz": pair.pole.frequency_Hz, "pole_loss": pair.pole.loss}
     columns |= {"zero_Hz": pair.zero.frequency_Hz, "zero_loss": pair.zero.loss, "k_eff": pair.k_eff}
     columns |= {"rms_log_error": first.rms_after, "iterations": result.iterations, "method": result.method}
+    columns["doubt"] = NOTES_APART.join(result.doubts) or None
     columns["notes"] = NOTES_APART.join(result.notes)
     return finite(columns)
 

@@ -24,9 +24,10 @@ UPDATE_COLUMNS = (
     "rms_log_error",
     "iterations",
     "method",
+    "doubt",
     "notes",
 )
-#: What stands between the notes of the column "notes".
+#: What stands between the sentences of the columns "doubt" and "notes".
 NOTES_APART = " · "
 #: Columns that `diagnose` fills: "size" is the first parameter of the most probable cause (SI), errors are
 #: rms |Δ log Z| of data that no fit saw, "diagnosis" says all of it in words.
@@ -46,7 +47,7 @@ DIAGNOSIS_COLUMNS = (
 )
 
 _FIRST = ("number", "file", "specimen", "status", "reason")
-_TEXT = {"file", "specimen", "status", "reason", "method", "notes"}
+_TEXT = {"file", "specimen", "status", "reason", "method", "doubt", "notes"}
 _TEXT |= {"verdict", "cause", "size_unit", "further_causes", "alike", "diagnosis"}
 _WHOLE = {"number", "iterations"}
 

@@ -25,6 +25,9 @@ from femu_piezo.study.standard_figures import figures_of
 from femu_piezo.study.temperature import TemperatureSeries
 from femu_piezo.threads import made_once
 
+#: rms |Δ log Z| of an updated model above which its constants are doubtful, and the same over the noise.
+_POOR, _OF_NOISE = 0.01, 5.0
+
 
 def rms(values: np.ndarray) -> float:
     """Root mean square of |values| (k,)."""
@@ -61,7 +64,7 @@ class Outcome:
     to_sensitivity : computes `sensitivity`, which only pictures and reports ask for
     unknowns : number of those of the full model;  mesh : description of its mesh and of the reduced model
     constants : the ten constants under the conditions of this sweep
-    noise_memory : autoregression of the errors of neighbouring points
+    noise : median relative noise;  noise_memory : autoregression of the errors of neighbouring points
     body : the constants on the body of the file, without what else was fitted (`body_alone`)
     impedance : of the updated model at frequencies (k,) Hz: (k,) ohm
     """
@@ -77,6 +80,7 @@ class Outcome:
     constants: PiezoConstants
     body: ModalModel = field(repr=False)
     impedance: Callable[[np.ndarray], np.ndarray] = field(repr=False)
+    noise: float
     noise_memory: Autoregression = WHITE
 
     @made_once
@@ -93,6 +97,16 @@ class Outcome:
     def rms_after(self) -> float:
         """rms |Δ log Z| of the updated model over the whole sweep."""
         return rms_log_error(self.updated_curve, self.measured.spectrum.impedance)
+
+    @property
+    def doubt(self) -> str | None:
+        """Why its constants are of little use, in words; None where the model follows the sweep."""
+        if self.rms_after <= max(_POOR, _OF_NOISE * self.noise):
+            return None
+        return (
+            f"the updated model differs from the sweep by {100 * self.rms_after:.3g} % rms, and the noise is "
+            f"{100 * self.noise:.2g} %"
+        )
 
     def records(self, kind: str) -> list[dict]:
         """The list of poles or zeros in update.json, kind "pole" or "zero"."""
@@ -144,6 +158,11 @@ class UpdateResult:
         return tuple(
             figures_of(one.measured, one.constants, one.updated_curve, one.impedance, one.body) for one in self.outcomes
         )
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """`Outcome.doubt` of the sweeps that have one."""
+        return tuple(outcome.doubt for outcome in self.outcomes if outcome.doubt is not None)
 
     @property
     def iterations(self) -> int:

@@ -49,8 +49,6 @@ from femu_piezo.study.subjects import Subject, subjects
 from femu_piezo.study.temperature import constants_under, temperature_series
 from femu_piezo.threads import with_blas_limit
 
-#: rms |Δ log Z| of an updated model that a note warns about where it is also well above the noise.
-_POOR = 0.01
 #: Error of Z by the bases of the pole-zero update.
 _POLE_ZERO_BASIS = 1e-5
 #: Factor on the noise of a sweep from which a note says so.
@@ -134,7 +132,12 @@ def update_measured(
         fit=found,
         known=known,
         provenance=_provenance(found, measured),
-        notes=(*baseline_notes, *_notes(several, constants, outcomes, found, known), *_low_end_note(measured)),
+        notes=(
+            *baseline_notes,
+            *_material_note(measured),
+            *_notes(several, constants, outcomes, found, known),
+            *_low_end_note(measured),
+        ),
         seconds=clock.seconds,
         temperature=temperature_series(found, several),
         samples=drawn,
@@ -181,6 +184,7 @@ def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin
         provenance=None,
         notes=(
             *baseline_notes,
+            *_material_note(measured),
             *_notes(several, found.constants, outcomes),
             *_modes_note(found, fundamental),
             *_low_end_note(measured),
@@ -215,6 +219,22 @@ def _is_the_papers(measured: Sequence[Measured], origin: str) -> bool:
     free = set(measured[0].problem.specimen.material.free)
     names = set(pair_names(measured[0].problem.plate))
     return len(measured) == 1 and bool(names) and free - {"eps33T"} == names and origin not in ("curve", "prior")
+
+
+def _material_note(measured: Sequence[Measured]) -> tuple[str, ...]:
+    """A note where a further specimen has another [material] than the first, which alone counts."""
+    first, others = measured[0].problem, {one.piece.name: one.problem for one in measured[1:]}
+    told = []
+    for name, other in others.items():
+        further = [one for one in other.specimen.material.free if one not in first.specimen.material.free]
+        differs = [f"frees {', '.join(further)}"] if further else []
+        if not np.array_equal(other.constants.vector(), first.constants.vector()):
+            differs.append("has other values")
+        if differs:
+            told.append(f"that of {name}, which {' and '.join(differs)}, does not")
+    if not told:
+        return ()
+    return (f"the table [material] of {measured[0].piece.name} counts for all specimens; {'; '.join(told)}",)
 
 
 def _low_end_note(measured: Sequence[Measured]) -> tuple[str, ...]:
@@ -262,6 +282,7 @@ def _outcome(
         constants=constants_under(unknowns, x),
         body=body_alone(posterior, index, found),
         impedance=partial(posterior.impedance, index, found),
+        noise=float(np.median(posterior.several[index].noise)),
         noise_memory=posterior.several[index].noise_memory,
     )
 
@@ -348,14 +369,8 @@ def _notes(
     notes += of_other
     if found is not None:
         notes += contradicted(found) + _fit_notes(found)
-    for one, outcome in zip(several, outcomes, strict=True):
-        noise = float(np.median(one.noise))
-        if outcome.rms_after > max(_POOR, 5 * noise):
-            notes.append(
-                f"{one.problem.specimen.name}: the updated model differs from the sweep by "
-                f"{100 * outcome.rms_after:.3g} % rms, and the noise is {100 * noise:.2g} %: look at "
-                "the curve before using the constants"
-            )
+    doubts = ((outcome.measured.problem.specimen.name, outcome.doubt) for outcome in outcomes)
+    notes += [f"{name}: {doubt}: look at the curve before using the constants" for name, doubt in doubts if doubt]
     return tuple(notes)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -130,6 +132,35 @@ def test_failed_rows_count_and_equal_values_are_no_outliers():
     assert lot.faults == (("x", "broken"),)
     assert not lot.outliers and not lot.distributions[0].drifts
     assert len(lot_figure(lot).axes) == 2
+
+
+def test_a_result_that_does_not_follow_its_sweep_is_told_in_any_lot():
+    """Of three results one is doubtful: too few for outliers, and told all the same."""
+    every = rows(clean(3, 1))
+    every[1]["doubt"] = "the updated model differs from the sweep by 55 % rms"
+    lot = lot_of(every)
+    assert lot.doubtful == (("p2.csv", every[1]["doubt"]),)
+    assert f"doubtful result of p2.csv: {every[1]['doubt']}" in lot_text(lot)
+
+
+def test_only_results_count_as_several_pieces_of_one_sweep():
+    every = [*rows(clean(3, 1)), {"number": 4, "file": "x", "status": "failed", "reason": "broken"}]
+    lot = lot_of(every, [("p1.csv", "x"), ("p2.csv", "p3.csv", "x")])
+    assert lot.same == (("p2.csv", "p3.csv"),)
+
+
+def test_narrow_limits_have_digits_that_tell_them_apart():
+    """A spread of 1e-7: limits are told to a tenth of their distance, an outlier by as many digits as show it."""
+    values = CENTRE * (1 + 1e-7 * np.random.default_rng(3).normal(size=40))
+    values[4] = CENTRE * (1 + 1e-5)
+    lot = lot_of(rows(values))
+    words = lot_text(lot)
+    low, high = (float(text) for text in re.search(r"limits ([\d.]+) … ([\d.]+)", words).groups())
+    (one,) = lot.distributions
+    limits = 1e12 * np.array(one.limits)
+    assert [low, high] == pytest.approx(limits, rel=0, abs=0.1 * np.ptp(limits))
+    told, centre = re.search(r"outlier p5.csv: \S+ = ([\d.]+) .* \(([\d.]+) ", words).groups()
+    assert float(told) / float(centre) - 1 == pytest.approx(1e-5, rel=0.05)
 
 
 def test_an_empty_lot_is_reported():
