@@ -357,8 +357,14 @@ def test_arguments_of_wrong_types_are_refused(specimen, sweep, updated, tmp_path
 def test_a_result_prints_as_the_table_of_the_terminal(specimen, sweep, updated, tmp_path):
     run = succeeded("update", with_file(specimen, sweep, tmp_path), "--out", tmp_path / "o")
     assert [line.rstrip() for line in run.output.splitlines()] == repr(updated).splitlines()
-    assert len(repr(updated)) < 3000 and "array(" not in repr(updated)
+    assert len(repr(updated)) < 4000 and "array(" not in repr(updated)
     assert "s11" in updated._repr_html_() and updated._repr_html_().startswith("<pre")
+
+
+def test_leads_beyond_the_accuracy_of_the_instrument_are_told(updated):
+    """3 Ω of leads, which the file does not allow for: the fit strains the phase of the instrument, and a note says so."""
+    (note,) = (note for note in updated.notes if "accuracy of instrument and fixture" in note)
+    assert re.search(r"phase near \d+ Hz [+-]\d+ σ", note) and "femu-piezo diagnose" in note
 
 
 def test_results_are_copied(specimen, updated, diagnosed):

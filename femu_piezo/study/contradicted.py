@@ -9,6 +9,7 @@ import numpy as np
 from femu_piezo.effects.constant_factor import ConstantFactor
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.library.between_sweeps import REPEATABILITY
+from femu_piezo.effects.library.instrument import INSTRUMENT
 from femu_piezo.effects.words import quantity
 from femu_piezo.inference.budget import source_of
 from femu_piezo.inference.fit import Fit
@@ -16,6 +17,7 @@ from femu_piezo.inference.readings import CONTRADICTS
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material, library_names
 from femu_piezo.study.unknowns import constants_found
+from femu_piezo.units import hertz
 
 #: Kind of tolerance that each source of uncertainty is told as.
 _KINDS = {"geometry": "file", "density": "file", "instrument": "instrument"}
@@ -45,10 +47,13 @@ def contradicted(found: Fit, kinds: Sequence[str] = tuple(_SENTENCES)) -> list[s
 
 
 def _label(effect: Effect, number: int) -> str:
-    """A tolerance in words: "width", "stray capacitance", "repeatability, sweep 2"."""
-    title = effect.title.removeprefix("wrong_")
-    words = f"{title}, {effect.parameters[number].name}" if number else title
-    return (effect.parameters[number].name if effect.name == REPEATABILITY else words).replace("_", " ")
+    """A tolerance in words: "width", "stray capacitance", "phase near 10000 Hz", "sweep 2"."""
+    name = effect.parameters[number].name.replace("_", " ")
+    if effect.name == INSTRUMENT:
+        kind, frequency = name.split()
+        return f"{kind} near {hertz(float(frequency))} Hz"
+    title = effect.title.removeprefix("wrong_").replace("_", " ")
+    return name if effect.name == REPEATABILITY else f"{title}, {name}" if number else title
 
 
 def of_another_material(found: Fit, base: str | None) -> list[str]:
@@ -99,7 +104,8 @@ def _moved(found: Fit) -> Iterator[tuple[Effect, int, float]]:
 
 def _size(effect: Effect, number: int, away: float) -> str:
     """How far a parameter was moved, in words, and over its standard deviation."""
-    parameter, sign = effect.parameters[number], "+" if away > 0 else ""
-    size = float(f"{away:.2g}")
+    parameter, sign, size = effect.parameters[number], "+" if away > 0 else "", float(f"{away:.2g}")
+    if effect.name == INSTRUMENT:  # in units of the accuracy
+        return f"{away:+.0f} σ"
     told = f"{100 * size:.2g} %" if effect.name == REPEATABILITY else quantity(parameter, size)
     return f"{sign}{told} ({abs(away) / effect.tolerance[number]:.0f} σ)"

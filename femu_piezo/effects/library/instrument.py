@@ -13,6 +13,8 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.threads import Once
 
+#: Name of the effect, of which each parameter is the height of a bell over the accuracy.
+INSTRUMENT = "instrument"
 #: Height of the bells that gives a process of variance one, and how far beyond the sweep a bell still counts, decades.
 _HEIGHT, _REACH = (2 / np.pi) ** 0.25, 1.5
 
@@ -39,7 +41,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     names = [f"{kind}_1e{decade:.0f}" for kind in ("magnitude", "phase") for decade in decades]
     return (
         Effect(
-            name="instrument",
+            name=INSTRUMENT,
             sentence="the instrument has an error of magnitude and phase, within its stated accuracy",
             parameters=tuple(
                 EffectParameter(name, "1", -20.0, 20.0, 1.0, 1.0, optional=True, tolerance=1.0) for name in names
