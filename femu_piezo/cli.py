@@ -565,7 +565,13 @@ def export(file: Path, to: str, out: Path, density: float | None, poling: tuple[
 @_specimen
 @_out
 @click.option("--count", type=click.IntRange(1, 200), help="largest number of modes, from the lowest on")
-@click.option("--band", nargs=2, type=float, metavar="LOW HIGH", help="only modes with poles in this band, Hz")
+@click.option(
+    "--band",
+    nargs=2,
+    type=float,
+    metavar="LOW HIGH",
+    help="only modes with poles in this band, Hz  [default: to 3.5 times the fundamental, or simulation.stop]",
+)
 @click.option("--animate", is_flag=True, help="also write an animated GIF of every mode")
 @click.option("--html", "scene", is_flag=True, help="also write an interactive scene (one HTML file, no network)")
 @click.option("--vtu", is_flag=True, help="also write every mode of the whole body for ParaView (VTU)")

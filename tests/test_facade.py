@@ -362,7 +362,7 @@ def test_a_result_prints_as_the_table_of_the_terminal(specimen, sweep, updated, 
 
 
 def test_leads_beyond_the_accuracy_of_the_instrument_are_told(updated):
-    """3 Ω of leads, which the file does not allow for: the fit strains the phase of the instrument, and a note says so."""
+    """3 Ω of leads, which the file does not allow for: the fit strains the phase of the instrument, and says so."""
     (note,) = (note for note in updated.notes if "accuracy of instrument and fixture" in note)
     assert re.search(r"phase near \d+ Hz [+-]\d+ σ", note) and "femu-piezo diagnose" in note
 

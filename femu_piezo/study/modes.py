@@ -19,6 +19,8 @@ from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.units import two_hertz
 
+#: End of the usual band over the expected fundamental.
+_USUAL = 3.5
 #: Share of the strongest mode's |a²/λ| below which a mode is not shown: the terminals hardly see it.
 _VISIBLE = 1e-3
 #: Largest estimated error of the reduced model from which the modes are taken.
@@ -106,7 +108,8 @@ def modes(
 
     Parameters
     ----------
-    band : (low, high) Hz; from zero to 3.5 times the expected fundamental where None
+    band : (low, high) Hz; where None from zero to 3.5 times the expected fundamental, or to the end of the sweep that
+        the file simulates where that is lower
     count : number of modes, the lowest ones; all where None
     effects : what [effects] may name in addition to the library
 
@@ -117,7 +120,7 @@ def modes(
     problem = prepare(specimen)
     if count is not None and count < 1:
         raise InputError(f"count = {count} is no number of modes; give 1 at least")
-    low, high = (0.0, 3.5 * problem.expected_pole_Hz) if band is None else two_hertz(band, "band")
+    low, high = (0.0, _highest(problem)) if band is None else two_hertz(band, "band")
     if not 0 <= low < high:
         raise InputError(f"{low:g} … {high:g} Hz is no band; give the lower frequency first")
     problem, hidden = body_as_simulated(problem, effects_as_simulated(problem, np.array([low, high]), effects))
@@ -139,6 +142,12 @@ def modes(
     found = tuple(_mode(model, pole, zero, total) for pole, zero in pairs)
     left_out = tuple(name for name in specimen.effects or () if name in hidden)
     return ModesResult(specimen, model, found, (low, high), left_out)
+
+
+def _highest(problem: Problem) -> float:
+    """End of the usual band, Hz."""
+    wish = problem.specimen.simulation
+    return min(_USUAL * problem.expected_pole_Hz, wish.stop if wish and wish.stop else np.inf)
 
 
 def _model(problem: Problem, high: float) -> ElectroelasticModel:
