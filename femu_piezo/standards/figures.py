@@ -142,6 +142,10 @@ class StandardFigures:
         """The same with a value of the model for a figure, where the sweep gives that figure; SI."""
         return self._with(name, model=value)
 
+    def with_notes(self, notes: tuple[str, ...]) -> StandardFigures:
+        """The same with further notes."""
+        return replace(self, notes=self.notes + notes)
+
     def _with(self, name: str, **changes: float | None) -> StandardFigures:
         changed = (replace(one, **changes) if one.name == name else one for one in self.figures)
         return replace(self, figures=tuple(changed))

@@ -33,11 +33,12 @@ from femu_piezo.standards.figures import (
     standard_figures,
 )
 from femu_piezo.standards.frequencies import Admittance
-from femu_piezo.standards.piece import Piece, material_figures
+from femu_piezo.standards.piece import WORDS, Piece, material_figures
 from femu_piezo.study.measured import Measured, Sweep, measure
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.simulate import simulate, visible_resonances
 from femu_piezo.study.temperature import constants_under
+from femu_piezo.units import hertz
 
 #: Factor of the expected frequency within which a pair may be the thickness or shear mode, and its least k_eff; factor
 #: within which the lowest pair of a sweep is the fundamental of its body.
@@ -101,7 +102,8 @@ def _of_modes(
 ) -> tuple[StandardFigures, ...]:
     """`figures_of` for a rational function of the curve; no `body` where the curve itself is that of the body."""
     found = tuple(
-        _figures(measured, piece, pair, constants, model, body) for piece, pair in _modes_told(measured, constants)
+        _figures(measured, piece, pair, constants, model, body).with_notes(notes)
+        for piece, pair, notes in _modes_told(measured, constants)
     )
     if measured.spectrum.frequency[0] <= STATED:
         return found
@@ -169,11 +171,11 @@ def _second_radial(pole: Resonance, several: Sequence[Resonance]) -> Resonance |
     return max(found, key=lambda one: abs(one.residue or 0.0), default=None)
 
 
-def _modes_told(measured: Measured, constants: PiezoConstants) -> list[tuple[Piece, Pair]]:
-    """The fundamental with the formulas of its body, and the thickness mode where the sweep has it."""
+def _modes_told(measured: Measured, constants: PiezoConstants) -> list[tuple[Piece, Pair, tuple[str, ...]]]:
+    """The fundamental with the formulas of its body, and the thickness mode where the sweep has it; notes on each."""
     pieces = pieces_of(measured.problem.plate, constants, measured.problem.density)
     if not pieces:
-        return [(_OTHER, measured.pair)]
+        return [(_OTHER, measured.pair, ())]
 
     def distance(item: tuple[Piece, float]) -> float:
         return abs(np.log(measured.pair.pole.frequency_Hz / item[1]))
@@ -192,11 +194,15 @@ def _modes_told(measured: Measured, constants: PiezoConstants) -> list[tuple[Pie
     # the modes of a shear plate begin with those of flexure, and a sweep may begin above the fundamental
     is_fundamental = main.kind != "shear plate" and distance(nearest) < np.log(_LOWEST)
     pair = measured.pair if is_fundamental else strongest(expected)
-    without_formula = _HIGHER if measured.pair.pole.frequency_Hz > _LOWEST * expected else _OTHER
-    told = [(without_formula, measured.pair) if pair is None else (main, pair)]
+    if pair is None:
+        without_formula = _HIGHER if measured.pair.pole.frequency_Hz > _LOWEST * expected else _OTHER
+        note = f"no pair near {hertz(expected)} Hz is that of the formulas for a {WORDS[main.kind]}, so none is used"
+        told = [(without_formula, measured.pair, (note,))]
+    else:
+        told = [(main, pair, ())]
     for piece, frequency in pieces:
         if piece is not main and piece.kind == "thickness plate" and (found := strongest(frequency)) is not None:
-            told.append((piece, found))
+            told.append((piece, found, ()))
     return told
 
 
