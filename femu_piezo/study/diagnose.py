@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -38,7 +38,7 @@ from femu_piezo.study.problem import refuse_nothing_free
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.results import mesh_words, rms
 from femu_piezo.study.shapes import electrode_notes
-from femu_piezo.study.standard_figures import body_alone, figures_of
+from femu_piezo.study.standard_figures import body_alone, capacitance_stated, figures_of
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, subjects
 from femu_piezo.study.temperature import COEFFICIENTS, constants_under
 from femu_piezo.threads import in_parallel, made_once, with_blas_limit
@@ -64,7 +64,7 @@ class DiagnosedSweep:
     measured : the sweep with its poles and zeros
     constants : of the final model under the conditions of this sweep
     body : these constants on the body of the file, without causes and tolerances (`body_alone`)
-    impedance : of the final model at frequencies (k,) Hz: (k,) ohm
+    capacitance : of the final model (`capacitance_stated`)
     """
 
     specimen: Specimen
@@ -78,7 +78,7 @@ class DiagnosedSweep:
     measured: Measured
     constants: PiezoConstants
     body: ModalModel = field(repr=False)
-    impedance: Callable[[np.ndarray], np.ndarray] = field(repr=False)
+    capacitance: float | None
 
     @made_once
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
@@ -91,7 +91,7 @@ class DiagnosedSweep:
     @made_once
     def figures(self) -> tuple[StandardFigures, ...]:
         """Standard figures of the sweep, one for each mode that the standards know, beside those of the final model."""
-        return figures_of(self.measured, self.constants, self.curves[1], self.impedance, self.body)
+        return figures_of(self.measured, self.constants, self.curves[1], self.capacitance, self.body)
 
     @made_once
     def linear_body(self) -> LinearBody | None:
@@ -256,6 +256,7 @@ def diagnose(
     posterior, comparison = compare_causes(several, clock, bases, rules)
     clock.step("verdict")
     verdict = judge(comparison)
+    under = [_constants_under(posterior, index, comparison.final) for index in range(len(several))]
     sweeps = tuple(
         DiagnosedSweep(
             specimen=one.problem.specimen,
@@ -267,9 +268,9 @@ def diagnose(
             reference_Hz=one.context.fundamental_Hz,
             mesh=mesh_words(posterior.full[index], posterior.models[index]),
             measured=one.measured,
-            constants=_constants_under(posterior, index, comparison.final),
-            body=body_alone(posterior, index, comparison.final),
-            impedance=partial(posterior.impedance, index, comparison.final),
+            constants=under[index],
+            body=body_alone(posterior, index, comparison.final, under[index]),
+            capacitance=capacitance_stated(one.measured, partial(posterior.impedance, index, comparison.final)),
         )
         for index, one in enumerate(several)
     )

@@ -66,7 +66,7 @@ class Outcome:
     constants : the ten constants under the conditions of this sweep
     noise : median relative noise;  noise_memory : autoregression of the errors of neighbouring points
     body : the constants on the body of the file, without what else was fitted (`body_alone`)
-    impedance : of the updated model at frequencies (k,) Hz: (k,) ohm
+    capacitance : of the updated model (`capacitance_stated`)
     """
 
     measured: Measured
@@ -79,7 +79,7 @@ class Outcome:
     mesh: str
     constants: PiezoConstants
     body: ModalModel = field(repr=False)
-    impedance: Callable[[np.ndarray], np.ndarray] = field(repr=False)
+    capacitance: float | None
     noise: float
     noise_memory: Autoregression = WHITE
 
@@ -156,7 +156,8 @@ class UpdateResult:
     def figures(self) -> tuple[tuple[StandardFigures, ...], ...]:
         """Standard figures of each specimen, one for each mode that the standards know; see `standard_figures`."""
         return tuple(
-            figures_of(one.measured, one.constants, one.updated_curve, one.impedance, one.body) for one in self.outcomes
+            figures_of(one.measured, one.constants, one.updated_curve, one.capacitance, one.body)
+            for one in self.outcomes
         )
 
     @property

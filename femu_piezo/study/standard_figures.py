@@ -37,7 +37,6 @@ from femu_piezo.standards.piece import WORDS, Piece, material_figures
 from femu_piezo.study.measured import Measured, Sweep, measure
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.simulate import simulate, visible_resonances
-from femu_piezo.study.temperature import constants_under
 from femu_piezo.units import hertz
 
 #: Factor of the expected frequency within which a pair may be the thickness or shear mode, and its least k_eff; factor
@@ -68,14 +67,24 @@ def figures_of_specimen(specimen: Specimen, spectrum: Sweep | None = None) -> tu
         return 1 / curve(float(at[0]), 2 * float(at[0]), 20).admittance(2 * np.pi * at)
 
     model = curve(float(frequency[0]), float(frequency[-1]), max(801, 2 * frequency.size))
-    return _of_modes(measured, measured.problem.fitted, model, impedance)
+    return _of_modes(measured, measured.problem.fitted, model, capacitance_stated(measured, impedance))
+
+
+def capacitance_stated(measured: Measured, impedance: Callable[[np.ndarray], np.ndarray]) -> float | None:
+    """C of a model at `STATED`, F, where the sweep does not reach down to it; else None.
+
+    impedance : of the model at frequencies (k,) Hz: (k,) ohm
+    """
+    if measured.spectrum.frequency[0] <= STATED:
+        return None
+    return float((1 / impedance(np.array([STATED]))[0]).imag / (2 * np.pi * STATED))
 
 
 def figures_of(
     measured: Measured,
     constants: PiezoConstants,
     curve: np.ndarray,
-    impedance: Callable[[np.ndarray], np.ndarray],
+    capacitance: float | None,
     body: ModalModel,
 ) -> tuple[StandardFigures, ...]:
     """The figures of a sweep beside those of a computed curve.
@@ -83,21 +92,21 @@ def figures_of(
     Parameters
     ----------
     constants : from which the curve was computed
-    curve : (k,) Z without noise at the frequencies of the sweep, ohm;  impedance : the same at other frequencies, Hz
+    curve : (k,) Z without noise at the frequencies of the sweep, ohm;  capacitance : `capacitance_stated` of the model
     body : of the constants on the body of the file (`body_alone`)
 
     Empty where the sweep does not hold the fundamental.
     """
     if not measured.holds_fundamental:
         return ()
-    return _of_modes(measured, constants, rational_curve(measured.spectrum.frequency, curve), impedance, body)
+    return _of_modes(measured, constants, rational_curve(measured.spectrum.frequency, curve), capacitance, body)
 
 
 def _of_modes(
     measured: Measured,
     constants: PiezoConstants,
     model: RationalCurve,
-    impedance: Callable[[np.ndarray], np.ndarray],
+    capacitance: float | None,
     body: ModalModel | None = None,
 ) -> tuple[StandardFigures, ...]:
     """`figures_of` for a rational function of the curve; no `body` where the curve itself is that of the body."""
@@ -105,21 +114,17 @@ def _of_modes(
         _figures(measured, piece, pair, constants, model, body).with_notes(notes)
         for piece, pair, notes in _modes_told(measured, constants)
     )
-    if measured.spectrum.frequency[0] <= STATED:
-        return found
-    stated = np.array([STATED])  # the model gives it without extrapolation
-    capacitance = float((1 / impedance(stated)[0]).imag / (2 * np.pi * STATED))
-    return tuple(one.with_model("C_T", capacitance) for one in found)
+    # the model needs no extrapolation
+    return found if capacitance is None else tuple(one.with_model("C_T", capacitance) for one in found)
 
 
-def body_alone(posterior: Posterior, index: int, found: Fit | ManyModes) -> ModalModel:
-    """Closed forms of the constants found for sweep number `index` on the body that its file describes.
+def body_alone(posterior: Posterior, index: int, found: Fit | ManyModes, constants: PiezoConstants) -> ModalModel:
+    """Closed forms of constants on the body that the file of sweep number `index` describes.
 
-    Without tolerances, causes and circuits, which a fit has found as well and which are no errors of a formula.
+    Without dimensions, causes and circuits, which a fit has found as well and which are no errors of a formula.
     """
-    evaluation, own, columns = posterior.whole_sweep(index, found)
-    free = posterior.several[index].problem.free(constants_under(own, found.x[columns]))
-    return evaluation.modal(*Unknowns.of_constants(free))
+    evaluation, _, _ = posterior.whole_sweep(index, found)
+    return evaluation.modal(*Unknowns.of_constants(posterior.several[index].problem.free(constants)))
 
 
 def _figures(

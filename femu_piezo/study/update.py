@@ -43,7 +43,7 @@ from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.resonances_with_effects import matched_resonances, sensitivity_with_effects
 from femu_piezo.study.results import Outcome, UpdateResult, mesh_words, rms_log_error
 from femu_piezo.study.shapes import electrode_notes
-from femu_piezo.study.standard_figures import body_alone
+from femu_piezo.study.standard_figures import body_alone, capacitance_stated
 from femu_piezo.study.starts import pair_names
 from femu_piezo.study.subjects import Subject, subjects
 from femu_piezo.study.temperature import constants_under, temperature_series
@@ -270,18 +270,19 @@ def _outcome(
     one = posterior.several[index].measured
     evaluation, unknowns, columns = posterior.whole_sweep(index, found)
     x, model = found.x[columns], posterior.full[index]
+    matched, constants = matched_resonances(one, evaluation, unknowns, x), constants_under(unknowns, x)
     return Outcome(
         measured=one,
-        matched=matched_resonances(one, evaluation, unknowns, x),
+        matched=matched,
+        capacitance=capacitance_stated(one, partial(posterior.impedance, index, found)),
         base_curve=_baseline_curve(evaluation, unknowns, posterior.problem.free(base)),
         updated_curve=posterior.curve(index, found),
         history=history,
         to_sensitivity=partial(sensitivity_with_effects, one.problem.specimen.name, evaluation, unknowns, x),
         unknowns=model.size,
         mesh=mesh_words(model, posterior.models[index]),
-        constants=constants_under(unknowns, x),
-        body=body_alone(posterior, index, found),
-        impedance=partial(posterior.impedance, index, found),
+        constants=constants,
+        body=body_alone(posterior, index, found, constants),
         noise=float(np.median(posterior.several[index].noise)),
         noise_memory=posterior.several[index].noise_memory,
     )
