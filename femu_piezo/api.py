@@ -300,7 +300,7 @@ def modes(
     Parameters
     ----------
     band : (low, high) Hz; where None from zero to 3.5 times the expected fundamental, or to the end of the sweep that
-        the file simulates where that is lower
+        the file simulates where that is lower and not below all modes
     count : number of modes, the lowest ones; all of the band where None
     effects : further effects, besides those of the library, that its [effects] may name
     """

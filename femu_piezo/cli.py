@@ -570,7 +570,7 @@ def export(file: Path, to: str, out: Path, density: float | None, poling: tuple[
     nargs=2,
     type=float,
     metavar="LOW HIGH",
-    help="only modes with poles in this band, Hz  [default: to 3.5 times the fundamental, or simulation.stop]",
+    help="only modes with poles in this band, Hz  [default: to 3.5 times the fundamental or a lower simulation.stop]",
 )
 @click.option("--animate", is_flag=True, help="also write an animated GIF of every mode")
 @click.option("--html", "scene", is_flag=True, help="also write an interactive scene (one HTML file, no network)")

@@ -238,21 +238,22 @@ def _outliers(distribution: Distribution, tested: int, rows: dict[int, dict]) ->
         distribution.number.tolist(), distribution.values.tolist(), residual / scale, strict=True
     ):
         if abs(distance) > critical:
-            reason = _reason(distribution, value, distance)
+            reason = _reason(distribution, number, value, distance)
             row = rows[number]
             told = {name: row.get(name) or "" for name in ("cause", "diagnosis", "notes")}
             found.append(Outlier(number, row["file"], distribution.quantity, value, float(distance), reason, **told))
     return found
 
 
-def _reason(distribution: Distribution, value: float, distance: float, factor: float = 1.0, unit: str = "") -> str:
+def _reason(
+    distribution: Distribution, number: int, value: float, distance: float, factor: float = 1.0, unit: str = ""
+) -> str:
     """Why a value is an outlier; it is written in a unit, with its factor from SI."""
     about = "the drift of the lot" if distribution.drifts else "the median of the lot"
     side = "above" if distance > 0 else "below"
-    shown, centre = (
-        _shown(factor * one, factor * (value - distribution.centre)) for one in (value, distribution.centre)
-    )
-    return f"{distribution.quantity} = {shown}{unit} is {abs(distance):.1f} σ {side} {about} ({centre}{unit})"
+    line = float(distribution.line[distribution.number == number][0])
+    shown, expected = (_shown(factor * one, factor * (value - line)) for one in (value, line))
+    return f"{distribution.quantity} = {shown}{unit} is {abs(distance):.1f} σ {side} {about} ({expected}{unit})"
 
 
 def counts_words(lot: Lot) -> str:
@@ -277,7 +278,10 @@ def lot_text(lot: Lot) -> str:
             lines.append(f"{words}: " + ", ".join(f"{name} {count}" for name, count in found.items()))
     for file in dict.fromkeys(one.file for one in lot.outliers):
         of_file = [one for one in lot.outliers if one.file == file]
-        reasons = (_reason(of_quantity[one.quantity], one.value, one.distance, *_unit(one.quantity)) for one in of_file)
+        reasons = (
+            _reason(of_quantity[one.quantity], one.number, one.value, one.distance, *_unit(one.quantity))
+            for one in of_file
+        )
         lines.append(f"outlier {file}: " + "; ".join(reasons))
         if of_file[0].diagnosis:
             lines.append(f"    diagnosis: {of_file[0].diagnosis}")
@@ -304,7 +308,7 @@ def _distribution_line(one: Distribution) -> str:
         + ("" if one.measurement is None else f", std of one measurement {_share(one.measurement, one.centre)}")
         + f", limits {low} … {high}{unit} ({beyond})"
         + (
-            f", drifts by {100 * one.drift / one.centre:+.2g} % over the lot (p = {one.drift_p:.1g})"
+            f", drifts by {100 * one.drift / one.centre:+.3g} % over the lot (p = {one.drift_p:.1g})"
             if one.drifts
             else ""
         )

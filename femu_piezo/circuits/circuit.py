@@ -25,7 +25,7 @@ _PER_DECADE, _REACH = 3, 10.0
 #: Resonances of modes outside the sweep, over its highest frequency; the lowest frequency over those below it. Modes
 #: farther off are part of C0: as branches they would take its place, and cancel relaxations of 10 times its size.
 _OUTSIDE = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0)
-#: Share to which modes below the sweep must bring the misfit: most sweeps begin below all modes.
+#: Share to which modes below the sweep must bring a misfit above `_MISSED`: most sweeps begin below all modes.
 _BELOW = 1 / 3
 #: Numbers of broad resonances of either sign that are tried, and how far they reach beyond the band, as a share of its
 #: width in log f.
@@ -173,7 +173,8 @@ def fit_circuit(
         return Circuit(name, ordered, _rest(ordered, units, omega, curve), frequency, curve, sweep)
 
     circuit, with_modes_below = with_rest(static + above), with_rest(static + above + below)
-    if with_modes_below.misfit[0] < _BELOW * circuit.misfit[0]:
+    misfit = circuit.misfit[0]
+    if misfit > _PASSIVE or (misfit > _MISSED and with_modes_below.misfit[0] < _BELOW * misfit):
         circuit = with_modes_below
     if circuit.misfit[0] > _PASSIVE:
         enough = max(_MISSED, 0.0 if sweep is None else _relative_misfit(curve, sweep)[0] / 2)
@@ -242,8 +243,9 @@ def _weights(omega: np.ndarray) -> np.ndarray:
 
 
 def _loss(branches: Sequence[Branch]) -> float:
-    """Median of the reciprocal quality factors of the branches, 0 where there are none."""
-    return max(0.0, float(np.median([1 / one.quality_factor for one in branches]))) if branches else 0.0
+    """Median of the reciprocal quality factors of the branches, without doubtful ones; 0 where there are none."""
+    losses = [1 / one.quality_factor for one in branches if not one.doubtful]
+    return max(0.0, float(np.median(losses))) if losses else 0.0
 
 
 def _dictionary(omega: np.ndarray, loss: float) -> tuple[list[Static], list[Static], list[Static]]:

@@ -303,11 +303,16 @@ class _Low:
     notes: tuple[str, ...]
 
 
+def reads_stated(frequency: np.ndarray, fs: float) -> bool:
+    """Whether the capacitance at `STATED` can be read off a sweep (n,), Hz, of a body that resonates at fs."""
+    return bool(frequency[0] <= STATED <= min(_LOW * fs, frequency[-1]))
+
+
 def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float | None, _Low]:
     """C^T, F, extrapolated to zero frequency by the formula of the body; loss tangent and notes."""
     frequency, impedance = points
     y = 1 / impedance
-    at = STATED if frequency[0] <= STATED <= min(_LOW * fs, frequency[-1]) else float(frequency[0])
+    at = STATED if reads_stated(frequency, fs) else float(frequency[0])
     capacitance = float(np.interp(at, frequency, y.imag / (2 * np.pi * frequency)))
     if frequency[0] >= 0.97 * fs or capacitance <= 0:
         note = "the sweep starts at a resonance, so it gives no capacitance and no figure that depends on it"

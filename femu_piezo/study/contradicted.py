@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,38 +23,43 @@ from femu_piezo.units import hertz
 #: Kind of tolerance that each source of uncertainty is told as.
 _KINDS = {"geometry": "file", "density": "file", "instrument": "instrument"}
 _SENTENCES = {
-    "file": "the sweep contradicts the file by many of its standard deviations (σ): {moved}; check these numbers, or "
-    "let `femu-piezo diagnose` look for what the model lacks",
+    "file": "the sweep contradicts the file by many of its standard deviations (σ): {strained}; check these numbers, "
+    "or let `femu-piezo diagnose` look for what the model lacks",
     "sweeps": "the sweeps contradict each other: their resonances are shifted by many standard deviations (σ) of what "
-    "differs from sweep to sweep, {moved}; check temperature, drive and clamping, and that all are of one piece",
+    "differs from sweep to sweep, {strained}; check temperature, drive and clamping, and that all are of one piece",
     "instrument": "the sweep contradicts the accuracy of instrument and fixture by many standard deviations (σ): "
-    "{moved}; compensate open and short, state what is there in [effects], or let `femu-piezo diagnose` look for it",
+    "{strained}; compensate open and short, state what is there in [effects], or let `femu-piezo diagnose` look for it",
 }
 
 
-def contradicted(found: Fit, kinds: Sequence[str] = tuple(_SENTENCES)) -> list[str]:
-    """A note for each kind of tolerance of which the fit moved some by more than `CONTRADICTS` standard deviations.
+def contradicted(found: Fit) -> list[str]:
+    """A note for each kind of tolerance of which the fit strained some by more than `CONTRADICTS` standard deviations.
 
     Those of held constants are told by `of_another_material`.
-
-    kinds : "file" (dimensions and density), "sweeps" (one against the other), "instrument"
     """
-    told: dict[str, list[str]] = {kind: [] for kind in kinds}
-    for effect, number, away in _moved(found):
-        kind = "sweeps" if effect.name == REPEATABILITY else _KINDS.get(source_of(effect))
-        if kind in told:
-            told[kind].append(f"{_label(effect, number)} {_size(effect, number, away)}")
-    return [_SENTENCES[kind].format(moved=", ".join(moved)) for kind, moved in told.items() if moved]
+    told: dict[str, list[str]] = {kind: [] for kind in _SENTENCES}
+    for one in _strained(found):
+        kind = "sweeps" if one.effect.name == REPEATABILITY else _KINDS.get(source_of(one.effect))
+        if kind is not None:
+            told[kind].append(f"{_label(one, found.data.frequency)} {_size(one)}")
+    return [_SENTENCES[kind].format(strained=", ".join(several)) for kind, several in told.items() if several]
 
 
-def _label(effect: Effect, number: int) -> str:
-    """A tolerance in words: "width", "stray capacitance", "phase near 10000 Hz", "sweep 2"."""
-    name = effect.parameters[number].name.replace("_", " ")
-    if effect.name == INSTRUMENT:
-        kind, frequency = name.split()
-        return f"{kind} near {hertz(float(frequency))} Hz"
-    title = effect.title.removeprefix("wrong_").replace("_", " ")
-    return name if effect.name == REPEATABILITY else f"{title}, {name}" if number else title
+def _label(one: _Strained, frequency: np.ndarray) -> str:
+    """A tolerance in words: "width", "stray capacitance", "phase near 10000 Hz", "sweep 2", and whose it is.
+
+    frequency : (k,) of the sweeps, Hz: errors of the instrument that are centred beyond are told at their end
+    """
+    effect, name = one.effect, one.effect.parameters[one.number].name.replace("_", " ")
+    words = effect.name.removeprefix("wrong_").replace("_", " ")
+    if effect.name == REPEATABILITY:
+        words = name
+    elif effect.name == INSTRUMENT:
+        kind, at = name.split()
+        words = f"{kind} near {hertz(float(np.clip(float(at), frequency.min(), frequency.max())))} Hz"
+    elif one.number:
+        words += f", {name}"
+    return f"{words} of {effect.owner}" if effect.owner else words
 
 
 def of_another_material(found: Fit, base: str | None) -> list[str]:
@@ -61,17 +67,17 @@ def of_another_material(found: Fit, base: str | None) -> list[str]:
 
     base : library material of the specimen file
     """
-    moved = {
-        D_FORM[effect.constants.index]: _size(effect, number, away)
-        for effect, number, away in _moved(found)
-        if isinstance(effect.constants, ConstantFactor) and number == 0
+    strained = {
+        D_FORM[one.effect.constants.index]: _size(one)
+        for one in _strained(found)
+        if isinstance(one.effect.constants, ConstantFactor) and one.number == 0
     }
-    if not moved:
+    if not strained:
         return []
-    told = ", ".join(f"{name} {size}" for name, size in moved.items())
+    told = ", ".join(f"{name} {size}" for name, size in strained.items())
     near = ""
-    if len(moved) > 1:
-        names = (*found.parameters.material.free.names, *moved)
+    if len(strained) > 1:
+        names = (*found.parameters.material.free.names, *strained)
         near = nearest_material(constants_found(found.parameters, found.x), names)
     return [
         "the held constants may be those of another material: the sweep contradicts them by many of their standard "
@@ -94,18 +100,34 @@ def nearest_material(constants: PiezoConstants, names: Sequence[str]) -> str:
     return min(library_names(), key=distance)
 
 
-def _moved(found: Fit) -> Iterator[tuple[Effect, int, float]]:
-    """Effects with a parameter that the fit moved far from rest, the number of that parameter, and how far."""
+@dataclass(frozen=True)
+class _Strained:
+    """Parameter `number` of an effect, `away` from rest (SI), and the same over its standard deviation."""
+
+    effect: Effect
+    number: int
+    away: float
+    over_std: float
+
+
+def _strained(found: Fit) -> Iterator[_Strained]:
+    """The parameters of effects that the fit moved farther from rest than `CONTRADICTS` standard deviations.
+
+    Shifts from sweep to sweep are taken from their mean, which sweeps do not tell from a change of the constants.
+    """
     for effect, values in zip(found.parameters.effects, found.parameters.values(found.x), strict=True):
-        for number, away in enumerate((values - effect.rest).tolist()):
-            if abs(away) > CONTRADICTS * effect.tolerance[number] > 0:
-                yield effect, number, away
+        away, std = values - effect.rest, effect.tolerance.copy()
+        if effect.name == REPEATABILITY:
+            away, std = away - away.mean(), std * np.sqrt(1 - 1 / away.size)
+        for number in np.flatnonzero((std > 0) & (np.abs(away) > CONTRADICTS * std)).tolist():
+            yield _Strained(effect, number, float(away[number]), float(away[number] / std[number]))
 
 
-def _size(effect: Effect, number: int, away: float) -> str:
-    """How far a parameter was moved, in words, and over its standard deviation."""
-    parameter, sign, size = effect.parameters[number], "+" if away > 0 else "", float(f"{away:.2g}")
-    if effect.name == INSTRUMENT:  # in units of the accuracy
-        return f"{away:+.0f} σ"
-    told = f"{100 * size:.2g} %" if effect.name == REPEATABILITY else quantity(parameter, size)
-    return f"{sign}{told} ({abs(away) / effect.tolerance[number]:.0f} σ)"
+def _size(one: _Strained) -> str:
+    """How far a parameter is off, in words, and over its standard deviation."""
+    if one.effect.name == INSTRUMENT:  # in units of the accuracy
+        return f"{one.over_std:+.0f} σ"
+    sign, size = "+" if one.away > 0 else "", float(f"{one.away:.2g}")
+    parameter = one.effect.parameters[one.number]
+    told = f"{100 * size:.2g} %" if one.effect.name == REPEATABILITY else quantity(parameter, size)
+    return f"{sign}{told} ({abs(one.over_std):.0f} σ)"

@@ -28,7 +28,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.comparing import compare_causes
-from femu_piezo.study.contradicted import contradicted, of_another_material
+from femu_piezo.study.contradicted import of_another_material
 from femu_piezo.study.measured import Measured, Sweep, conditions_of, measure_each
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.planning import recommended, separations
@@ -289,7 +289,6 @@ def diagnose(
             *_accuracy_notes(several),
             *(note for one in several for note in one.noise_notes),
             *contradictions(comparison.final),
-            *contradicted(comparison.final, ["sweeps"]),
             *of_another_material(comparison.final, several[0].problem.specimen.material.base),
             *unplanned,
         ),

@@ -109,7 +109,7 @@ def modes(
     Parameters
     ----------
     band : (low, high) Hz; where None from zero to 3.5 times the expected fundamental, or to the end of the sweep that
-        the file simulates where that is lower
+        the file simulates where that is lower and not below all modes
     count : number of modes, the lowest ones; all where None
     effects : what [effects] may name in addition to the library
 
@@ -133,6 +133,8 @@ def modes(
     poles = _driven("pole", modal.eigenvalues, modal.charges, reduced.basis @ modal.states[:, 1:], reduced_to)
     zeros = _driven("zero", values, modal.zero_amplitudes, reduced.basis @ open_states, reduced_to)
     pairs = [pair for pair in _pairs(poles, zeros) if low <= pair[0][0].frequency_Hz <= high][:count]
+    if not pairs and band is None and high < _USUAL * problem.expected_pole_Hz:  # the file simulates less
+        return modes(specimen, band=(0.0, _USUAL * problem.expected_pole_Hz), count=count, effects=effects)
     if not pairs:
         raise InputError(
             f"{specimen.path or specimen.name}: no driven mode lies between {low:.6g} and {high:.6g} Hz; the first is "

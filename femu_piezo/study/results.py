@@ -162,8 +162,9 @@ class UpdateResult:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """`Outcome.doubt` of the sweeps that have one."""
-        return tuple(outcome.doubt for outcome in self.outcomes if outcome.doubt is not None)
+        """`Outcome.doubt` of the sweeps that have one, with their names where there are several sweeps."""
+        named = ((one.measured.problem.specimen.name, one.doubt) for one in self.outcomes if one.doubt is not None)
+        return tuple(f"{name}: {doubt}" if len(self.outcomes) > 1 else doubt for name, doubt in named)
 
     @property
     def iterations(self) -> int:

@@ -30,6 +30,7 @@ from femu_piezo.standards.figures import (
     StandardFigures,
     is_second_radial,
     read_curve,
+    reads_stated,
     standard_figures,
 )
 from femu_piezo.standards.frequencies import Admittance
@@ -71,11 +72,13 @@ def figures_of_specimen(specimen: Specimen, spectrum: Sweep | None = None) -> tu
 
 
 def capacitance_stated(measured: Measured, impedance: Callable[[np.ndarray], np.ndarray]) -> float | None:
-    """C of a model at `STATED`, F, where the sweep does not reach down to it; else None.
+    """C of a model at `STATED`, F, its circuits included, where that cannot be read off the sweep; else None.
 
     impedance : of the model at frequencies (k,) Hz: (k,) ohm
     """
-    if measured.spectrum.frequency[0] <= STATED:
+    if not measured.holds_fundamental:
+        return None
+    if reads_stated(measured.spectrum.frequency, measured.pair.pole.frequency_Hz):
         return None
     return float((1 / impedance(np.array([STATED]))[0]).imag / (2 * np.pi * STATED))
 

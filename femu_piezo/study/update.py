@@ -222,7 +222,7 @@ def _is_the_papers(measured: Sequence[Measured], origin: str) -> bool:
 
 
 def _material_note(measured: Sequence[Measured]) -> tuple[str, ...]:
-    """A note where a further specimen has another [material] than the first, which alone counts."""
+    """A note where a further specimen frees other constants or has other values than the first, which alone counts."""
     first, others = measured[0].problem, {one.piece.name: one.problem for one in measured[1:]}
     told = []
     for name, other in others.items():
@@ -313,25 +313,30 @@ def _known(found: Fit) -> Identifiability:
 def _provenance(found: Fit, measured: Sequence[Measured]) -> dict[str, dict[str, float]]:
     """Constant → sweep or "prior" → its share of what is known of the real part.
 
-    Of each sweep, by how much the precision (1/variance) with this sweep alone exceeds that of the prior, all other
-    unknowns marginalised; of the prior, its precision.
+    The share of the prior is its precision (1/variance) over that of all together. The sweeps share the rest by what
+    each adds to the precision, as the first and as the last one: two that show the same share as their precisions, two
+    that only together determine a constant share alike. All other unknowns are marginalised.
     """
     k, std = found.residual.size // 2, found.parameters.prior_std
     slopes, further = found.jacobian * (std / found.level), found.further_jacobian * std
+    forms = [slopes[np.concatenate([own, own + k])] for own in found.data.sweeps]
+    forms = [rows.T @ rows for rows in forms]
+    of_prior = further.T @ further
 
-    def precision(rows: np.ndarray) -> np.ndarray:
-        """(n_x,) 1/variance, per prior deviation, of each unknown by these rows beside those of the prior."""
-        return 1 / np.diag(np.linalg.inv(rows.T @ rows + further.T @ further))
+    def precision(form: np.ndarray) -> np.ndarray:
+        """(n_x,) 1/variance, per prior deviation, of each unknown by normal equations (n_x, n_x) beside the prior's."""
+        return 1 / np.diag(np.linalg.inv(form + of_prior))
 
-    prior = precision(slopes[:0])
-    by_sweep = {
-        one.problem.specimen.name: np.maximum(precision(slopes[np.concatenate([own, own + k])]) - prior, 0.0)
-        for one, own in zip(measured, found.data.sweeps, strict=True)
-    }
-    parts = {**by_sweep, "prior": prior}
-    total = sum(parts.values())
+    every = sum(forms)
+    prior, joint = precision(np.zeros_like(every)), precision(every)
+    adds = np.maximum([precision(form) - prior + joint - precision(every - form) for form in forms], 0.0)
+    shares = (1 - prior / joint) * adds / np.maximum(adds.sum(axis=0), np.finfo(float).tiny)
+    names = [one.problem.specimen.name for one in measured]
     return {
-        name: {source: float(part[2 * index] / total[2 * index]) for source, part in parts.items()}
+        name: {
+            **dict(zip(names, shares[:, 2 * index].tolist(), strict=True)),
+            "prior": float((prior / joint)[2 * index]),
+        }
         for index, name in enumerate(found.parameters.material.free.names)
     }
 
@@ -363,10 +368,8 @@ def _notes(
     if known is not None:
         loose = [name for name in known.names if known.verdict(name) == "not"]
         if loose:
-            notes.append(
-                f"the data alone do not determine {', '.join(loose)}: their values and standard deviations rest on the "
-                "prior as well"
-            )
+            whose = "its value and standard deviation rest" if len(loose) == 1 else "their values and deviations rest"
+            notes.append(f"the data alone do not determine {', '.join(loose)}: {whose} on the prior as well")
     notes += of_other
     if found is not None:
         notes += contradicted(found) + _fit_notes(found)

@@ -117,6 +117,11 @@ def test_drift_is_found_and_outliers_are_those_from_its_line():
     assert lot.distributions[0].drifts
     assert lot.distributions[0].drift == pytest.approx(6 * SIGMA, rel=0.2, abs=0)
     assert [item.file for item in lot.outliers] == ["p6.csv"]
+    told, side, line = re.search(
+        r"outlier p6.csv: \S+ = ([\d.]+) .* σ (above|below) .* \(([\d.]+) ", lot_text(lot)
+    ).groups()
+    assert (float(told) > float(line)) == (side == "above")
+    assert float(line) == pytest.approx(1e12 * lot.distributions[0].line[5], rel=1e-3)
 
 
 @pytest.mark.parametrize("sign", [1, -1])

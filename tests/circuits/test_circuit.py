@@ -169,6 +169,14 @@ def test_the_circuit_of_a_sweep_from_below_all_modes_is_a_capacitor_there(circui
     assert min(places_outside(circuit)) > 200e3
 
 
+def test_a_narrow_sweep_below_whose_band_no_mode_lies_has_none_there():
+    """About the first mode of the bar alone: the misfit is small without modes below, which it could still lower."""
+    frequency = np.linspace(30e3, 55e3, 801)
+    found = fp.circuit(ImpedanceSpectrum(frequency, Bar().impedance(frequency)))
+    assert len(found.branches) == 1 and found.misfit[0] < 1e-3
+    assert min(places_outside(found), default=np.inf) > 55e3
+
+
 def test_a_sweep_from_above_a_mode_asks_for_a_mode_below():
     """The bar from 60 kHz, its first mode at 41 kHz: without a mode below, no passive elements follow the curve."""
     frequency = np.linspace(60e3, 250e3, 3001)

@@ -341,7 +341,7 @@ def test_a_reading_is_at_the_mean_temperature_whichever_sweep_is_first(bench, ba
 def test_constants_are_those_of_the_mean_of_sweeps_that_differ(bench, bases, order):
     """A second sweep with resonances 0.1 % higher: s11 is that of the mean, whichever is first, and a note says so.
 
-    The mean of both shifts is 10 repeatabilities; s11 of either sweep is 0.1 % from that of the mean.
+    The shifts are 20 repeatabilities apart, 14 of their difference; s11 of either sweep is 0.1 % from that of the mean.
     """
     for number in order:
         theta = truth()
@@ -351,8 +351,27 @@ def test_constants_are_those_of_the_mean_of_sweeps_that_differ(bench, bases, ord
     middle = truth()[0].real / (1 + 0.5e-3) ** 2
     assert abs(result.parameters["s11"].value / middle - 1) < 2e-4
     (note,) = (note for note in result.notes if "contradict" in note)
-    told = re.findall(r"sweep (\d) ([+-]0\.05) % \((\d+) σ\)", note)
+    told = re.findall(r"sweep (\d) ([+-]0\.05) % \((1[345]) σ\)", note)
     assert [(int(number), float(share) > 0) for number, share, _ in told] == [(1, order[0] == 1), (2, order[1] == 1)]
+
+
+def test_notes_say_whose_sweeps_and_which_table_they_are_about(bench, bases):
+    """Two specimens: the second has sweeps that differ, other free constants and other values."""
+    bench.add("a0", sweep(seed=5))
+    files = [read_specimen(bench.write(name="a"))]
+    bench.lines = []
+    for number in range(2):
+        theta = truth()
+        theta[:5] /= (1 + 1e-3 * number) ** 2
+        bench.add(f"b{number}", sweep(theta=theta, seed=number))
+    path = bench.write(name="plate_7")
+    text = path.read_text(encoding="utf-8")
+    path.write_text(re.sub(r"free = \[.*\]", 'free = ["s11", "s33"]', text), encoding="utf-8")
+    result = update([*files, read_specimen(path)], bases=bases)
+    (sweeps,) = (note for note in result.notes if "the sweeps contradict each other" in note)
+    assert "sweep 1 of plate_7" in sweeps and "sweep 2 of plate_7" in sweeps and " of a " not in sweeps
+    (table,) = (note for note in result.notes if "the table [material]" in note)
+    assert table == "the table [material] of a counts for all specimens; that of plate_7, which frees s33, does not"
 
 
 @pytest.mark.parametrize("counts", [(3, 2), (2, 3), (1, 2)])

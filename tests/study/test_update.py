@@ -119,10 +119,14 @@ def test_joint_k31_and_k33_determine_more_constants(sweeps, write_specimen_of, t
         assert abs(estimate.tan - truth.tangent(name)) < 4 * estimate.tan_std, name
     for name, source in (("s11", "k31"), ("d31", "k31"), ("s33", "k33"), ("d33", "k33")):
         shares = result.provenance[name]
-        assert shares[source] == max(shares.values()) > 0.9, name
+        assert shares[source] == max(shares.values()) >= 0.5, name
         assert sum(shares.values()) == pytest.approx(1)
-    precision = [update(read_specimen(path)).parameters["eps33T"].std ** -2.0 for path in paths]
-    assert result.provenance["eps33T"]["k31"] == pytest.approx(precision[0] / sum(precision), abs=0.03)
+    for name in ("s12", "s13"):  # each sweep shows combinations alone: only both together determine these
+        assert result.provenance[name]["prior"] < 0.05 and result.provenance[name]["k33"] > 0.3, name
+    first, second, both = (
+        one.parameters["eps33T"].std ** -2.0 for one in (*(update(read_specimen(path)) for path in paths), result)
+    )
+    assert result.provenance["eps33T"]["k31"] == pytest.approx((first + both - second) / (2 * both), abs=0.03)
 
 
 @pytest.mark.usefixtures("bases_not_kept")
