@@ -158,7 +158,7 @@ def fit_circuit(
     (Kramers and Kronig), which a model of constant complex moduli does not do: over a wide band they differ by that.
     Where the rms misfit is larger (`_PASSIVE`), as for a sweep that no passive body has, a capacitor, a
     resistor and broad resonances of either sign (`Static`) replace these elements: as many as bring the misfit below
-    half of that between curve and sweep, or below `_MISSED`.
+    a quarter of that between curve and sweep, to which it then adds a thirtieth, or below `_MISSED`.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def fit_circuit(
     if misfit > _PASSIVE or (misfit > _MISSED and with_modes_below.misfit[0] < _BELOW * misfit):
         circuit = with_modes_below
     if circuit.misfit[0] > _PASSIVE:
-        enough = max(_MISSED, 0.0 if sweep is None else _relative_misfit(curve, sweep)[0] / 2)
+        enough = max(_MISSED, 0.0 if sweep is None else _relative_misfit(curve, sweep)[0] / 4)
         for count in _BROAD:
             static = _rest(ordered, _broad(omega, count), omega, curve, signed=True)
             circuit = min(circuit, replace(circuit, static=static), key=lambda one: one.misfit[0])
