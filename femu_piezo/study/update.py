@@ -329,7 +329,9 @@ def _provenance(found: Fit, measured: Sequence[Measured]) -> dict[str, dict[str,
 
     every = sum(forms)
     prior, joint = precision(np.zeros_like(every)), precision(every)
-    adds = np.maximum([precision(form) - prior + joint - precision(every - form) for form in forms], 0.0)
+    adds = np.array([joint - prior])  # of one sweep
+    if len(forms) > 1:
+        adds = np.maximum([precision(form) - prior + joint - precision(every - form) for form in forms], 0.0)
     shares = (1 - prior / joint) * adds / np.maximum(adds.sum(axis=0), np.finfo(float).tiny)
     names = [one.problem.specimen.name for one in measured]
     return {
