@@ -238,21 +238,19 @@ def _outliers(distribution: Distribution, tested: int, rows: dict[int, dict]) ->
         distribution.number.tolist(), distribution.values.tolist(), residual / scale, strict=True
     ):
         if abs(distance) > critical:
-            reason = _reason(distribution, number, value, distance)
+            reason = _reason(distribution, number, distance)
             row = rows[number]
             told = {name: row.get(name) or "" for name in ("cause", "diagnosis", "notes")}
             found.append(Outlier(number, row["file"], distribution.quantity, value, float(distance), reason, **told))
     return found
 
 
-def _reason(
-    distribution: Distribution, number: int, value: float, distance: float, factor: float = 1.0, unit: str = ""
-) -> str:
-    """Why a value is an outlier; it is written in a unit, with its factor from SI."""
+def _reason(distribution: Distribution, number: int, distance: float, factor: float = 1.0, unit: str = "") -> str:
+    """Why the value of piece `number` is an outlier; it is written in a unit, with its factor from SI."""
     about = "the drift of the lot" if distribution.drifts else "the median of the lot"
-    side = "above" if distance > 0 else "below"
-    line = float(distribution.line[distribution.number == number][0])
-    shown, expected = (_shown(factor * one, factor * (value - line)) for one in (value, line))
+    side, at = "above" if distance > 0 else "below", distribution.number == number
+    value, line = (factor * float(one[at][0]) for one in (distribution.values, distribution.line))
+    shown, expected = (_to_a_tenth(one, value - line) for one in (value, line))
     return f"{distribution.quantity} = {shown}{unit} is {abs(distance):.1f} σ {side} {about} ({expected}{unit})"
 
 
@@ -279,8 +277,7 @@ def lot_text(lot: Lot) -> str:
     for file in dict.fromkeys(one.file for one in lot.outliers):
         of_file = [one for one in lot.outliers if one.file == file]
         reasons = (
-            _reason(of_quantity[one.quantity], one.number, one.value, one.distance, *_unit(one.quantity))
-            for one in of_file
+            _reason(of_quantity[one.quantity], one.number, one.distance, *_unit(one.quantity)) for one in of_file
         )
         lines.append(f"outlier {file}: " + "; ".join(reasons))
         if of_file[0].diagnosis:
@@ -300,26 +297,24 @@ def _distribution_line(one: Distribution) -> str:
     if one.values.size == 1:
         std = "" if one.measurement is None else f", std of the measurement {_share(one.measurement, one.centre)}"
         return f"{one.quantity:13s} {factor * one.centre:.5g}{unit}, one value{std}"
-    step = factor * (one.limits[1] - one.limits[0])
-    centre, low, high = (_shown(factor * value, step) for value in (one.centre, *one.limits))
+    apart = factor * (one.limits[1] - one.limits[0])
+    centre, low, high = (_to_a_tenth(factor * value, apart) for value in (one.centre, *one.limits))
+    drifts = (
+        f", drifts by {100 * one.drift / one.centre:+.3g} % over the lot (p = {one.drift_p:.1g})" if one.drifts else ""
+    )
     beyond = f"{one.beyond} beyond" if one.values.size >= FEWEST else "values beyond are not counted"
     return (
         f"{one.quantity:13s} median {centre}{unit}, robust std {_share(one.sigma, one.centre)}"
         + ("" if one.measurement is None else f", std of one measurement {_share(one.measurement, one.centre)}")
-        + f", limits {low} … {high}{unit} ({beyond})"
-        + (
-            f", drifts by {100 * one.drift / one.centre:+.3g} % over the lot (p = {one.drift_p:.1g})"
-            if one.drifts
-            else ""
-        )
+        + f", limits {low} … {high}{unit} ({beyond}){drifts}"
     )
 
 
-def _shown(value: float, step: float) -> str:
-    """A number with five digits, or as many more as show two of a step (`_MOST_DIGITS` at most)."""
+def _to_a_tenth(value: float, apart: float) -> str:
+    """A number to a tenth of the distance `apart` to others: with five digits at least, `_MOST_DIGITS` at most."""
     digits = 5
-    if step and value:
-        digits = int(np.clip(np.floor(np.log10(abs(value))) - np.floor(np.log10(abs(step))) + 2, 5, _MOST_DIGITS))
+    if apart and value:
+        digits = int(np.clip(np.floor(np.log10(abs(value))) - np.floor(np.log10(abs(apart))) + 2, 5, _MOST_DIGITS))
     return f"{value:.{digits}g}"
 
 

@@ -167,15 +167,14 @@ def fit_circuit(
     """
     ordered = tuple(sorted(branches, key=lambda one: one.frequency_Hz))
     omega = 2 * np.pi * frequency
-    static, above, below = _dictionary(omega, _loss(ordered))
-
-    def with_rest(units: list[Static]) -> Circuit:
-        return Circuit(name, ordered, _rest(ordered, units, omega, curve), frequency, curve, sweep)
-
-    circuit, with_modes_below = with_rest(static + above), with_rest(static + above + below)
-    misfit = circuit.misfit[0]
-    if misfit > _PASSIVE or (misfit > _MISSED and with_modes_below.misfit[0] < _BELOW * misfit):
-        circuit = with_modes_below
+    loss = _loss(ordered)
+    units = _relaxations(omega) + _modes([omega[-1] * factor for factor in _OUTSIDE], loss)
+    circuit = Circuit(name, ordered, _rest(ordered, units, omega, curve), frequency, curve, sweep)
+    if circuit.misfit[0] > _MISSED:
+        units += _modes([omega[0] / factor for factor in _OUTSIDE], loss)
+        with_modes_below = replace(circuit, static=_rest(ordered, units, omega, curve))
+        if circuit.misfit[0] > _PASSIVE or with_modes_below.misfit[0] < _BELOW * circuit.misfit[0]:
+            circuit = with_modes_below
     if circuit.misfit[0] > _PASSIVE:
         enough = max(_MISSED, 0.0 if sweep is None else _relative_misfit(curve, sweep)[0] / 4)
         for count in _BROAD:
@@ -248,25 +247,22 @@ def _loss(branches: Sequence[Branch]) -> float:
     return max(0.0, float(np.median(losses))) if losses else 0.0
 
 
-def _dictionary(omega: np.ndarray, loss: float) -> tuple[list[Static], list[Static], list[Static]]:
-    """Elements of 1 F or 1 ohm, whose multiples make up the rest of the circuit: static ones, modes above and below.
-
-    loss : reciprocal quality factor of the modes
-    """
+def _relaxations(omega: np.ndarray) -> list[Static]:
+    """A capacitor of 1 F, resistors of 1 and −1 ohm, and relaxations of 1 F over the band and beyond."""
     low, high = float(omega[0]), float(omega[-1])
     count = int(np.ceil(_PER_DECADE * np.log10(high * _REACH**2 / low))) + 1
     corners = np.geomspace(low / _REACH, high * _REACH, count)
-    static = [
+    return [
         Static("C", {"C": 1.0}),
         _OHM,
         _scaled(_OHM, -1.0),
         *(Static("RC", {"R": float(1 / corner), "C": 1.0}) for corner in corners),
     ]
-    above, below = (
-        [Static("mode", {"L": float(1 / place**2), "R": float(loss / place), "C": 1.0}) for place in places]
-        for places in ([high * factor for factor in _OUTSIDE], [low / factor for factor in _OUTSIDE])
-    )
-    return static, above, below
+
+
+def _modes(places: Sequence[float], loss: float) -> list[Static]:
+    """Modes of 1 F at angular frequencies; loss : reciprocal of their quality factor."""
+    return [Static("mode", {"L": float(1 / at**2), "R": float(loss / at), "C": 1.0}) for at in places]
 
 
 def _scaled(unit: Static, amount: float) -> Static:

@@ -116,7 +116,7 @@ def _strained(found: Fit) -> Iterator[_Strained]:
     Shifts from sweep to sweep are taken from their mean, which sweeps do not tell from a change of the constants.
     """
     for effect, values in zip(found.parameters.effects, found.parameters.values(found.x), strict=True):
-        away, std = values - effect.rest, effect.tolerance.copy()
+        away, std = values - effect.rest, effect.tolerance
         if effect.name == REPEATABILITY:
             away, std = away - away.mean(), std * np.sqrt(1 - 1 / away.size)
         for number in np.flatnonzero((std > 0) & (np.abs(away) > CONTRADICTS * std)).tolist():

@@ -19,8 +19,6 @@ from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.units import two_hertz
 
-#: End of the usual band over the expected fundamental.
-_USUAL = 3.5
 #: Share of the strongest mode's |a²/λ| below which a mode is not shown: the terminals hardly see it.
 _VISIBLE = 1e-3
 #: Largest estimated error of the reduced model from which the modes are taken.
@@ -120,7 +118,8 @@ def modes(
     problem = prepare(specimen)
     if count is not None and count < 1:
         raise InputError(f"count = {count} is no number of modes; give 1 at least")
-    low, high = (0.0, _highest(problem)) if band is None else two_hertz(band, "band")
+    usual, simulated = problem.usual_end_Hz, specimen.simulation.stop if specimen.simulation else None
+    low, high = (0.0, min(usual, simulated or usual)) if band is None else two_hertz(band, "band")
     if not 0 <= low < high:
         raise InputError(f"{low:g} … {high:g} Hz is no band; give the lower frequency first")
     problem, hidden = body_as_simulated(problem, effects_as_simulated(problem, np.array([low, high]), effects))
@@ -133,8 +132,8 @@ def modes(
     poles = _driven("pole", modal.eigenvalues, modal.charges, reduced.basis @ modal.states[:, 1:], reduced_to)
     zeros = _driven("zero", values, modal.zero_amplitudes, reduced.basis @ open_states, reduced_to)
     pairs = [pair for pair in _pairs(poles, zeros) if low <= pair[0][0].frequency_Hz <= high][:count]
-    if not pairs and band is None and high < _USUAL * problem.expected_pole_Hz:  # the file simulates less
-        return modes(specimen, band=(0.0, _USUAL * problem.expected_pole_Hz), count=count, effects=effects)
+    if not pairs and band is None and high < usual:  # the file simulates less
+        return modes(specimen, band=(0.0, usual), count=count, effects=effects)
     if not pairs:
         raise InputError(
             f"{specimen.path or specimen.name}: no driven mode lies between {low:.6g} and {high:.6g} Hz; the first is "
@@ -144,12 +143,6 @@ def modes(
     found = tuple(_mode(model, pole, zero, total) for pole, zero in pairs)
     left_out = tuple(name for name in specimen.effects or () if name in hidden)
     return ModesResult(specimen, model, found, (low, high), left_out)
-
-
-def _highest(problem: Problem) -> float:
-    """End of the usual band, Hz."""
-    wish = problem.specimen.simulation
-    return min(_USUAL * problem.expected_pole_Hz, wish.stop if wish and wish.stop else np.inf)
 
 
 def _model(problem: Problem, high: float) -> ElectroelasticModel:

@@ -21,6 +21,8 @@ from femu_piezo.units import parse_quantity
 
 #: The effect by which a file states errors of held constants.
 _HELD = "wrong_insensitive_parameter"
+#: End of a sweep that the file does not name, over the expected fundamental.
+_USUAL_END = 3.5
 #: Eigenvalue error allowed at the end of a sweep of shapes other than rectangular plates.
 _ERROR_AT_END = 1e-3
 #: kg/m³ that a weighed piece may have: composites with polymers lie above, no solid of lead oxides reaches the end.
@@ -106,6 +108,11 @@ class Problem:
     def expected_pole_Hz(self) -> float:
         """First driven mode in the thin limit, Hz: where to look for it before anything is measured."""
         return first_mode_Hz(self.plate, self.constants, self.density)
+
+    @property
+    def usual_end_Hz(self) -> float:
+        """End of a sweep, or of a band of modes, where the file names none."""
+        return _USUAL_END * self.expected_pole_Hz
 
 
 def prepare(specimen: Specimen, *, check: bool = True) -> Problem:

@@ -76,9 +76,8 @@ def capacitance_stated(measured: Measured, impedance: Callable[[np.ndarray], np.
 
     impedance : of the model at frequencies (k,) Hz: (k,) ohm
     """
-    if not measured.holds_fundamental:
-        return None
-    if reads_stated(measured.spectrum.frequency, measured.pair.pole.frequency_Hz):
+    frequency = measured.spectrum.frequency
+    if not measured.holds_fundamental or reads_stated(frequency, measured.pair.pole.frequency_Hz):
         return None
     return float((1 / impedance(np.array([STATED]))[0]).imag / (2 * np.pi * STATED))
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from femu_piezo.effects.constant_factor import ConstantFactor
+from femu_piezo.inference.coefficients import active_effects, even_constants
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import PiezoConstants
@@ -117,9 +118,9 @@ def constants_under(conditions: Unknowns, x: np.ndarray) -> PiezoConstants:
 
     The held ones are as file and fit move them.
     """
-    constants = conditions.material.constants(x[: conditions.of_material]).vector()[None]
-    none, omega = np.zeros((1, constants.size, 0), dtype=complex), np.ones(1)
-    for effect, values in (*conditions.fixed, *zip(conditions.effects, conditions.values(x), strict=True)):
-        if effect.constants is not None and (effect.of_conditions or isinstance(effect.constants, ConstantFactor)):
-            constants = effect.constants(constants, none, omega, values)[0]
-    return PiezoConstants.from_vector(constants[0])
+    acting = [
+        one
+        for one in active_effects(conditions, x)
+        if one.effect.of_conditions or isinstance(one.effect.constants, ConstantFactor)
+    ]
+    return even_constants(conditions, x, acting)

@@ -319,9 +319,8 @@ def _provenance(found: Fit, measured: Sequence[Measured]) -> dict[str, dict[str,
     """
     k, std = found.residual.size // 2, found.parameters.prior_std
     slopes, further = found.jacobian * (std / found.level), found.further_jacobian * std
-    forms = [slopes[np.concatenate([own, own + k])] for own in found.data.sweeps]
-    forms = [rows.T @ rows for rows in forms]
-    of_prior = further.T @ further
+    of_sweeps = (slopes[np.concatenate([own, own + k])] for own in found.data.sweeps)
+    forms, of_prior = [rows.T @ rows for rows in of_sweeps], further.T @ further
 
     def precision(form: np.ndarray) -> np.ndarray:
         """(n_x,) 1/variance, per prior deviation, of each unknown by normal equations (n_x, n_x) beside the prior's."""
