@@ -5,7 +5,7 @@ A new step is one function here and its name in `STEPS`.
 
 from __future__ import annotations
 
-import math
+import json
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -96,17 +96,5 @@ STEPS: dict[str, Step] = {"update": _update, "diagnose": _diagnose}
 
 
 def finite(value):
-    """A value with None for NaN and infinity, Python numbers for those of numpy, lists for tuples, and keys as text."""
-    if type(value) is float:  # most of a record
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(item) for item in value]
-    if isinstance(value, (bool, str)) or value is None:
-        return value
-    if hasattr(value, "item"):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    """A value as JSON returns it (lists for tuples, Python numbers for those of numpy), None for NaN and infinity."""
+    return json.loads(json.dumps(value, default=lambda one: one.tolist()), parse_constant=lambda _: None)

@@ -29,7 +29,7 @@ from femu_piezo.specimen.file import Specimen
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.comparing import compare_causes
 from femu_piezo.study.contradicted import of_another_material
-from femu_piezo.study.measured import Measured, Sweep, conditions_of, measure_each
+from femu_piezo.study.measured import Measured, Sweep, conditions_of, measure_each, tables_of_the_first
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
@@ -231,7 +231,8 @@ def diagnose(
 ) -> Diagnosis:
     """Compare sets of candidate effects with the sweep of a specimen, or with those of several of one material.
 
-    [material] is that of the first specimen; constants and fixture are common, other effects belong to one specimen.
+    [material] and [update] are those of the first specimen; constants and fixture are common, other effects belong to
+    one specimen.
 
     Parameters
     ----------
@@ -285,6 +286,7 @@ def diagnose(
         reduced_size=sum(model.size for model in set(posterior.models)),
         notes=(
             *(note for one in several for note in one.measured.spectrum.notes),
+            *tables_of_the_first([one.measured for one in several]),
             *dict.fromkeys(note for one in several for note in electrode_notes(one.measured.piece)),
             *_accuracy_notes(several),
             *(note for one in several for note in one.noise_notes),

@@ -23,7 +23,7 @@ from femu_piezo.measurement.compensation import Compensation, Load
 from femu_piezo.measurement.readers import accept_spectrum, read_raw, read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.touchstone import is_touchstone
-from femu_piezo.specimen.file import Measurement, Specimen
+from femu_piezo.specimen.file import Measurement, Specimen, Update
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.starts import has_uniform_field, start_permittivity, start_values
 from femu_piezo.units import hertz
@@ -115,7 +115,7 @@ Sweep = ImpedanceSpectrum | Path
 
 
 def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None = None) -> list[Measured]:
-    """Every sweep of several specimens analysed, those of one specimen one after another.
+    """Every sweep of several specimens analysed, those of one specimen one after another; [update] of the first counts.
 
     spectra : in place of those that the files name, in the same order
 
@@ -128,13 +128,39 @@ def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None 
     given = iter([None] * count if spectra is None else spectra)
     found: list[Measured] = []
     for specimen in specimens:
-        sweeps = [(own, next(given)) for own in specimen.of_each_sweep]
+        ruled = specimen.model_copy(update={"update": specimens[0].update})
+        sweeps = [(own, next(given)) for own in ruled.of_each_sweep]
         _refuse_idle_layout(specimen, sweeps)
         analysed = [_analysed(*one) for one in sweeps]
         _refuse_idle_held_out(specimen, analysed)
         found += _of_one_piece(specimen, analysed)
     conditions = from_common_mean([one.conditions for one in found])
     return [replace(one, conditions=own) for one, own in zip(found, conditions, strict=True)]
+
+
+def tables_of_the_first(measured: Sequence[Measured]) -> tuple[str, ...]:
+    """Notes on what [material] and [update] of further specimens say otherwise than those of the first, which count."""
+    first, others = measured[0], {one.piece.name: one for one in measured if one.piece is not measured[0].piece}
+    told: dict[str, list[str]] = {"material": [], "update": []}
+    for name, other in others.items():
+        mine, its = first.piece.material, other.piece.material
+        further = [one for one in its.free if one not in mine.free]
+        differs = [f"frees {', '.join(further)}"] if further else []
+        if not np.array_equal(other.problem.constants.vector(), first.problem.constants.vector()):
+            differs.append("has other values")
+        if (its.priors, its.tangent_priors) != (mine.priors, mine.tangent_priors):
+            differs.append("states other standard deviations")
+        if differs:
+            told["material"].append(f"that of {name}, which {' and '.join(differs)}, does not")
+        rules, own = first.piece.update or Update(), other.piece.update or Update()
+        keys = [key for key in Update.model_fields if getattr(rules, key) != getattr(own, key)]
+        if keys and other.piece.update is not None:
+            told["update"].append(f"that of {name}, which has another {' and '.join(keys)}, does not")
+    return tuple(
+        f"the table [{table}] of {first.piece.name} counts for all specimens; {'; '.join(words)}"
+        for table, words in told.items()
+        if words
+    )
 
 
 def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:

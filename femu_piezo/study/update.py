@@ -34,7 +34,14 @@ from femu_piezo.specimen.file import Specimen, Update
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.contradicted import contradicted, of_another_material
 from femu_piezo.study.effects import has_effects
-from femu_piezo.study.measured import Measured, Sweep, baseline_constants, measure_each, start_constants
+from femu_piezo.study.measured import (
+    Measured,
+    Sweep,
+    baseline_constants,
+    measure_each,
+    start_constants,
+    tables_of_the_first,
+)
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.pole_zero_update import from_poles_and_zeros, no_history, pole_zero_update
 from femu_piezo.study.posterior import Posterior
@@ -134,7 +141,7 @@ def update_measured(
         provenance=_provenance(found, measured),
         notes=(
             *baseline_notes,
-            *_material_note(measured),
+            *tables_of_the_first(measured),
             *_notes(several, constants, outcomes, found, known),
             *_low_end_note(measured),
         ),
@@ -184,7 +191,7 @@ def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin
         provenance=None,
         notes=(
             *baseline_notes,
-            *_material_note(measured),
+            *tables_of_the_first(measured),
             *_notes(several, found.constants, outcomes),
             *_modes_note(found, fundamental),
             *_low_end_note(measured),
@@ -219,22 +226,6 @@ def _is_the_papers(measured: Sequence[Measured], origin: str) -> bool:
     free = set(measured[0].problem.specimen.material.free)
     names = set(pair_names(measured[0].problem.plate))
     return len(measured) == 1 and bool(names) and free - {"eps33T"} == names and origin not in ("curve", "prior")
-
-
-def _material_note(measured: Sequence[Measured]) -> tuple[str, ...]:
-    """A note where a further specimen frees other constants or has other values than the first, which alone counts."""
-    first, others = measured[0].problem, {one.piece.name: one.problem for one in measured[1:]}
-    told = []
-    for name, other in others.items():
-        further = [one for one in other.specimen.material.free if one not in first.specimen.material.free]
-        differs = [f"frees {', '.join(further)}"] if further else []
-        if not np.array_equal(other.constants.vector(), first.constants.vector()):
-            differs.append("has other values")
-        if differs:
-            told.append(f"that of {name}, which {' and '.join(differs)}, does not")
-    if not told:
-        return ()
-    return (f"the table [material] of {measured[0].piece.name} counts for all specimens; {'; '.join(told)}",)
 
 
 def _low_end_note(measured: Sequence[Measured]) -> tuple[str, ...]:

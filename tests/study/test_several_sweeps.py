@@ -38,8 +38,9 @@ from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Simulation
 from femu_piezo.study.diagnose import extended_specimen
-from femu_piezo.study.measured import measure_each
+from femu_piezo.study.measured import measure_each, tables_of_the_first
 from femu_piezo.study.subjects import subjects
+from femu_piezo.study.tolerances import tolerances
 from femu_piezo.study.unknowns import unknowns_of
 from tests.commands import invoked
 from tests.noise import noisy
@@ -372,6 +373,25 @@ def test_notes_say_whose_sweeps_and_which_table_they_are_about(bench, bases):
     assert "sweep 1 of plate_7" in sweeps and "sweep 2 of plate_7" in sweeps and " of a " not in sweeps
     (table,) = (note for note in result.notes if "the table [material]" in note)
     assert table == "the table [material] of a counts for all specimens; that of plate_7, which frees s33, does not"
+
+
+def test_update_and_deviations_of_the_first_specimen_count_for_all(bench):
+    """[update] and std_ of a further file do not count, and notes say so; tolerances are those that the first asks."""
+    bench.put("a", sweep(seed=5))
+    bench.put("b", sweep(seed=6))
+    first = read_specimen(bench.write('[measurement]\nfile = "a.csv"', name="a"))
+    path = bench.write('[measurement]\nfile = "b.csv"\n[update]\nnoise_only = true\nloss = "huber"', name="b")
+    text = path.read_text(encoding="utf-8").replace("[material]", "[material]\nstd_s33 = 0.01")
+    path.write_text(text, encoding="utf-8")
+    measured = measure_each([first, read_specimen(path)])
+    assert tables_of_the_first(measured) == (
+        "the table [material] of a counts for all specimens; that of b, which states other standard deviations, does "
+        "not",
+        "the table [update] of a counts for all specimens; that of b, which has another loss and noise_only, does not",
+    )
+    a, b = (tolerances(one.problem) for one in measured)
+    assert a.keys() == b.keys() and "length" in b
+    assert tables_of_the_first(measured[:1]) == () == tables_of_the_first([measured[0], replace(measured[0])])
 
 
 @pytest.mark.parametrize("counts", [(3, 2), (2, 3), (1, 2)])
