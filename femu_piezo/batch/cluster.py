@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 
 from distributed import Client, Worker, WorkerPlugin
@@ -67,6 +67,7 @@ class DaskPool:
     """
 
     lost_worker_errors = (KilledWorker,)
+    lost_connection_errors = (CancelledError, OSError)
     breaks_whole = False
     bundle = 4  # handing over a single job costs some ms on either side
     limit_s = None

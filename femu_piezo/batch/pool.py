@@ -13,7 +13,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Protocol
 
@@ -38,6 +38,7 @@ class Pool(Protocol):
     Attributes
     ----------
     lost_worker_errors : exceptions that mean a dead worker
+    lost_connection_errors : exceptions that may mean a connection lost for a while; their tasks are tried again
     breaks_whole : whether all jobs in flight are lost when one worker dies
     bundle : most jobs that are handed to a worker at once; above 1 where handing over takes long
     limit_s : seconds after which a worker ends itself, None where it must not
@@ -46,6 +47,7 @@ class Pool(Protocol):
     """
 
     lost_worker_errors: tuple[type[BaseException], ...]
+    lost_connection_errors: tuple[type[BaseException], ...]
     breaks_whole: bool
     bundle: int
     limit_s: float | None
@@ -91,6 +93,7 @@ class LocalPool:
     """`workers` processes of this machine, each on one thread; they end with this process, however it ends."""
 
     lost_worker_errors = (BrokenProcessPool,)
+    lost_connection_errors = ()
     breaks_whole = True
     bundle = 1
 
@@ -230,7 +233,7 @@ class _Dispatch:
             try:
                 result = future.result()
             except Exception as error:
-                if not isinstance(error, (CancelledError, OSError)) and self._pool.answers():
+                if not isinstance(error, self._pool.lost_connection_errors) and self._pool.answers():
                     raise
                 self._take_back(tasks)  # lost with the scheduler: no fault of the task
                 return True

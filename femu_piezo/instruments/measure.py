@@ -81,6 +81,7 @@ def measure(
     InputError : a wish, a setting or the folder cannot serve
     InstrumentError : the instrument fails; the points so far are in points.csv, and the output is off
     """
+    _refuse_foreign_columns(specimen)
     alone = specimen.model_copy(update={"sweep": None})
     points = PointFile(prepare_folder(out) / "points.csv", settings, alone)
     bases, states = SharedBases(), []
@@ -130,6 +131,17 @@ def measure(
             found.save(out / "diagnosis")
             keep([diagnosed], found)
     return MeasureResult(adapted, updated, found)
+
+
+def _refuse_foreign_columns(specimen: Specimen) -> None:
+    """InputError where raw sweeps of the fixture need `columns`, by which the sweeps measured now would be read too."""
+    table = specimen.measurement or Measurement()
+    if table.columns is not None and (table.open is not None or table.short is not None):
+        raise InputError(
+            f"{specimen.path or specimen.name}: measurement.columns would also name the columns of the sweeps that "
+            "`measure` writes; give the raw sweeps of the fixture a header with quantities and units, and take columns "
+            "out"
+        )
 
 
 def _refuse_another(path: Path, specimen: Specimen) -> None:

@@ -10,6 +10,7 @@ and what would be right; the models raise it too when they are built in Python.
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import tomllib
@@ -250,6 +251,23 @@ class Measurement(Table):
     columns: Annotated[tuple[str, ...] | None, LIST] = described(
         'names of the columns of the file, such as ["Frequency (Hz)", "R (Ohm)", "X (Ohm)"], instead of its header'
     )
+
+    @property
+    def magnitude_std(self) -> float:
+        """Relative standard deviation of the smooth error of |Z|, of the instrument and of the load together."""
+        load = 0.0 if self.load is None else self.load.std or 0.0
+        return math.hypot(self.stated("accuracy"), load)
+
+    def of_corrected(self, file: Path | None) -> Measurement:
+        """This table for a file that this program writes of the sweep after all corrections that are asked for here.
+
+        No correction is asked for once more, and nothing of how the file before was laid out.
+        """
+        corrections = ("correct_phase", "mask_faults", "mask", "open", "short", "load", "connection", "columns")
+        changes: dict[str, Any] = {key: type(self).model_fields[key].get_default() for key in corrections}
+        if self.load is not None and self.load.std:
+            changes["accuracy"] = self.magnitude_std
+        return self.model_copy(update=changes | {"file": file})
 
     def problem(self) -> str | None:
         if self.held_out is not None and not self.held_out[0] < self.held_out[1]:

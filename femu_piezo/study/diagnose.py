@@ -19,6 +19,7 @@ from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.forward.modal import ModalModel
 from femu_piezo.inference.budget import constants_of
+from femu_piezo.inference.ensemble import is_common
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.held_out import misfit_of_unseen
 from femu_piezo.inference.readings import contradictions
@@ -394,7 +395,8 @@ def extended_specimen(diagnosis: Diagnosis) -> Specimen:
         if named:
             table[FREE] = tuple(dict.fromkeys((*table.get(FREE, ()), *found)))
         if effect.dispersive or effect.acquisition is not None:
-            table.setdefault(REFERENCE, diagnosis.sweeps[0].reference_Hz)
+            anchored = diagnosis.sweeps[0 if is_common(effect) else diagnosis.shown]
+            table.setdefault(REFERENCE, anchored.reference_Hz)
         if effect.name == COEFFICIENTS:
             table[TEMPERATURE] = reference
     return specimen.model_copy(update={kind: table or None for kind, table in tables.items()})

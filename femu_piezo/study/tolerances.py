@@ -5,8 +5,6 @@ Each is a standard deviation. The schema has the defaults (`Table.usual`); a res
 
 from __future__ import annotations
 
-import numpy as np
-
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.specimen.file import Measurement, Residue, Update
 from femu_piezo.specimen.geometry import LENGTHS, Geometry
@@ -64,8 +62,6 @@ def _instrument(measurement: Measurement | None) -> dict[str, float]:
         return {}
     residue = measurement.residue or Residue()
     found = {name: residue.stated(name) for name in Residue.model_fields}
-    load = 0.0 if measurement.load is None else measurement.load.std or 0.0
-    # |Z| is as good as the load that it is compared with
-    found["accuracy"] = float(np.hypot(measurement.stated("accuracy"), load))
+    found["accuracy"] = measurement.magnitude_std
     found["phase_accuracy"] = measurement.stated("phase_accuracy")
     return found

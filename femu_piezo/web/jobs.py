@@ -10,11 +10,13 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from femu_piezo import steps
+from femu_piezo.errors import InputError
 from femu_piezo.files import write_atomically
 from femu_piezo.threads import available_cores
 
@@ -210,12 +212,18 @@ class Jobs:
                 job.state, job.message, job.ended = state, message, time.time()
             if job.state == "done":
                 self._times[job.command] = {"all": round(job.seconds, 2), "steps": began}
-                write_atomically(self._times_file, json.dumps(self._times))
+                _save(self._times_file, json.dumps(self._times))
             self._keep()
             self._wake.notify_all()
 
     def _keep(self) -> None:
-        write_atomically(self._file, json.dumps([asdict(job) for job in self._jobs], indent=1, ensure_ascii=False))
+        _save(self._file, json.dumps([asdict(job) for job in self._jobs], indent=1, ensure_ascii=False))
+
+
+def _save(path: Path, text: str) -> None:
+    """Write what a later start of the page reads; on a full disk the jobs go on all the same."""
+    with suppress(InputError):
+        write_atomically(path, text)
 
 
 def _known(records: object) -> list[Job]:

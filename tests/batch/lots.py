@@ -62,7 +62,7 @@ def write_lot(folder: Path, count: int) -> tuple[Path, Path]:
 class InlinePool:
     """A pool that runs every task at once in this process, in the order in which tasks arrive."""
 
-    lost_worker_errors = ()
+    lost_worker_errors = lost_connection_errors = ()
     breaks_whole = False
     bundle = 1
     limit_s = None

@@ -170,14 +170,18 @@ def test_tasks_of_a_lost_scheduler_are_submitted_again(error):
     assert found == {"a 1": "a 1", "a 2": "a 2", "a 3": "a 3"} and restarts == [1]
 
 
-def test_an_error_of_the_program_ends_a_lot_whose_scheduler_answers():
+@pytest.mark.parametrize("error", [ValueError("a defect"), OSError("a defect")])
+def test_an_error_of_the_program_ends_a_lot_whose_scheduler_answers(error):
     class Wrong(InlinePool):
         def submit(self, function, *arguments) -> Future:
             future = Future()
-            future.set_exception(ValueError("a defect"))
+            future.set_exception(error)
             return future
 
-    with pytest.raises(ValueError, match="a defect"):
+        def restart(self) -> None:
+            raise AssertionError("tried again")
+
+    with pytest.raises(type(error), match="a defect"):
         run_all(Wrong(), lambda task, limit: task, [("a 1",)], lambda *_: None, 60)
 
 

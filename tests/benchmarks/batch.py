@@ -234,7 +234,7 @@ def _accuracy(table: Path) -> None:
 class Ready:
     """A pool that answers every update with the same record."""
 
-    lost_worker_errors, breaks_whole, bundle, limit_s, width = (), False, 1, None, 4
+    lost_worker_errors, lost_connection_errors, breaks_whole, bundle, limit_s, width = (), (), False, 1, None, 4
 
     def __init__(self, record: dict) -> None:
         self._record = record

@@ -348,3 +348,12 @@ def test_how_other_files_are_read_is_not_kept_for_an_own_sweep(tmp_path):
     path.write_text(PLATE + table, encoding="utf-8")
     kept = _with_sweep(read_specimen(path), tmp_path / "sweep.csv").measurement
     assert kept.columns is None and kept.noise == 0.01 and kept.file == tmp_path / "sweep.csv"
+
+
+def test_columns_of_the_raw_sweeps_of_a_fixture_are_refused(tmp_path):
+    """They would name the columns of the sweeps that are written as well."""
+    path = tmp_path / "plate.toml"
+    path.write_text(PLATE + '[measurement]\nopen = "open.csv"\ncolumns = ["f (kHz)", "R (Ohm)", "X (Ohm)"]\n')
+    with pytest.raises(InputError, match=r"measurement\.columns would also name the columns of the sweeps"):
+        measure(read_specimen(path), "simulated", tmp_path / "out", Wish(), Settings())
+    assert not (tmp_path / "out").exists()

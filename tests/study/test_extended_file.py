@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import femu_piezo as fp
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.effects.library import circuits, drive_level, temperature_drift
 from femu_piezo.inference.fit import fit
@@ -14,10 +16,11 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import CONSTANTS, Simulation, Specimen, read_specimen, write_specimen
 from femu_piezo.study.diagnose import diagnose, extended_specimen
 from femu_piezo.study.effects import effects_as_simulated, simulated_with_effects
-from femu_piezo.study.measured import Measured
+from femu_piezo.study.measured import Measured, measure_each
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.simulate import simulate
+from femu_piezo.study.tolerances import tolerances
 from femu_piezo.study.update import update
 from tests.noise import noisy
 
@@ -114,6 +117,59 @@ def test_how_a_sweep_was_taken_is_simulated_as_it_was_fitted(tmp_path, table, ca
     exact = extended.model_copy(update={"simulation": extended.simulation.model_copy(update={"noise": 0.0})})
     assert len(result.verdict.causes) == 1
     assert np.max(np.abs(simulate(exact).spectrum.impedance / result.curves[1] - 1)) < 1e-3
+
+
+@pytest.mark.slow
+def test_a_drift_of_the_second_specimen_is_anchored_at_its_own_fundamental(tmp_path):
+    """A square of 8 mm, and one of 5 mm that warms up while it is measured, whose file gives its fitted curve."""
+    losses = "".join(f"tan_{name} = 0.015\n" for name in CONSTANTS)
+    material = f'[material]\nbase = "pzt-5h"\nfree = ["s11", "d31", "eps33T"]\n{losses}'
+    sweep = "[simulation]\nstart = 20e3\nstop = 450e3\npoints = 500\nnoise = 1e-3\n"
+    files, spectra = [], []
+    for length, effects in (("8e-3", ""), ("5e-3", "[effects.temperature_drift]\ndrift = 0.01\n")):
+        body = f'[geometry]\nshape = "square"\nlength = {length}\nthickness = 1e-3\ndensity = 7500.0\n'
+        for name, more in ((length, ""), ("disturbed", effects)):
+            (tmp_path / f"{name}.toml").write_text(body + material + sweep + more)
+        files.append(read_specimen(tmp_path / f"{length}.toml"))
+        spectra.append(simulate(read_specimen(tmp_path / "disturbed.toml")).spectrum)
+    result = diagnose(files, spectra=spectra, effects=[temperature_drift.candidates])
+    assert [cause.effect.owner for cause in result.verdict.causes] == ["5e-3"]
+    second = replace(result, shown=1)
+    extended = extended_specimen(second)
+    exact = extended.model_copy(update={"simulation": extended.simulation.model_copy(update={"noise": 0.0})})
+    assert np.max(np.abs(simulate(exact).spectrum.impedance / second.curves[1] - 1)) < 1e-3
+
+
+def test_a_sweep_in_memory_is_corrected_once(sweeps, write_specimen_of, tmp_path):
+    """A raw sweep, mirrored, behind a series lead and a stray capacitance; its file names open, short, load, columns
+    and a masked band. The file of the diagnosis reads the corrected sweep as it was fitted, with tolerances as before.
+    """
+    frequency, z = sweeps["k31"].frequency, sweeps["k31"].impedance
+    lead, stray, load = 2.0 + 1e-6j * frequency, 4e-11j * frequency, np.full(frequency.size, 500.0)
+    raw = {"short": lead, "open": lead + 1 / stray, "load": lead + load / (1 + stray * load)}
+    piece = ImpedanceSpectrum(frequency, -(lead + 1 / (1 / noisy(z, NOISE, 1) + stray)))
+    for name, one in raw.items():
+        rows = np.column_stack([frequency / 1e3, one.real, one.imag])
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="Frequency (kHz),R (Ohm),X (Ohm)", comments="")
+    low, high = frequency[[40, 43]]
+    table = "\n".join(
+        [
+            'open = "open.csv"\nshort = "short.csv"\ncolumns = ["Frequency (kHz)", "R (Ohm)", "X (Ohm)"]',
+            f"correct_phase = true\nmask = [[{low}, {high}]]",
+            '[measurement.load]\nfile = "load.csv"\nresistance = 500.0\nstd = 0.003',
+        ]
+    )
+    path = write_specimen_of("k31", sweeps["k31"], TRIO, more=table, lossy=True)
+    asked = read_specimen(path)
+    result = fp.diagnose(asked, piece, effects=[])
+    result.save(tmp_path / "out")
+    written = read_specimen(tmp_path / "out" / "extended.toml")
+    again, first = measure_each([written])[0], result.sweeps[0].measured
+    assert first.spectrum.frequency.size == frequency.size - 4
+    np.testing.assert_allclose(again.spectrum.frequency, first.spectrum.frequency, rtol=1e-14)
+    np.testing.assert_allclose(again.spectrum.impedance, first.spectrum.impedance, rtol=1e-12)
+    before, after = tolerances(first.problem), tolerances(again.problem)
+    assert after == pytest.approx(before, rel=1e-12) and after["accuracy"] > 0.003
 
 
 def test_geometry_material_and_measurement_of_the_file_stay(diagnosed):

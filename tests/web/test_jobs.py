@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from femu_piezo.errors import InputError
 from femu_piezo.web.jobs import Job, Jobs
 from femu_piezo.web.server import _checked
 
@@ -105,6 +106,19 @@ def test_what_waited_is_run_after_a_restart(folder: Path, start) -> None:
     wait(lambda: after.latest("extract", "sweep.csv").state == "done")
     (folder / ".femu-piezo/jobs.json").write_text("{ damaged")
     assert start().all() == []
+
+
+def test_a_list_that_cannot_be_saved_stops_no_job(start, monkeypatch) -> None:
+    """As on a full disk: the jobs run in turn all the same."""
+
+    def full(path: Path, text: str) -> None:
+        raise InputError(f"{path}: no space left on the device")
+
+    monkeypatch.setattr("femu_piezo.web.jobs.write_atomically", full)
+    jobs = start()
+    asked = [jobs.ask("extract", name, f"results/{name}") for name in ("sweep.csv", "broken.csv")]
+    wait(lambda: not any(job.active for job in asked))
+    assert [job.state for job in asked] == ["done", "failed"]
 
 
 def test_a_script_in_the_folder_is_no_module_and_a_name_no_option(folder: Path, start) -> None:

@@ -103,24 +103,21 @@ class Diagnosed(Result, Diagnosis):
     def _with_data(self, indices: list[int], out: Path) -> Specimen:
         """The extended specimen of the sweeps of some indices, with their files.
 
-        A sweep without a file is written to measured.csv as the fit used it, after its corrections.
+        Where one has no file, all are written to measured.csv as the fit used them, after their corrections.
         """
-        extended, files, written = self.of(indices[0]).extended, [], False
-        for index in indices:
-            file = self.sweeps[index].specimen.measurement.file
-            if file is None:
-                file, written = (out / f"measured{suffixes(len(self.sweeps))[index]}.csv").absolute(), True
+        extended = self.of(indices[0]).extended
+        files = [self.sweeps[index].specimen.measurement.file for index in indices]
+        in_memory = None in files
+        if in_memory:
+            names = suffixes(len(self.sweeps))
+            files = [(out / f"measured{names[index]}.csv").absolute() for index in indices]
+            for index, file in zip(indices, files, strict=True):
                 write_spectrum(self.sweeps[index].spectrum, file)
-            files.append(file)
-        changes = {"correct_phase": False, "mask_faults": False, "mask": None} if written else {}
+        table = extended.measurement or Measurement()
+        if in_memory:
+            table = table.of_corrected(None)
         if extended.sweep is None:
-            changes["file"] = files[0]
-        else:
-            sweeps = zip(extended.sweep, files, strict=True)
-            extended = extended.model_copy(
-                update={"sweep": tuple(one.model_copy(update={"file": file}) for one, file in sweeps)}
-            )
-        if not changes:
-            return extended
-        measurement = extended.measurement or Measurement()
-        return extended.model_copy(update={"measurement": measurement.model_copy(update=changes)})
+            return extended.model_copy(update={"measurement": table.model_copy(update={"file": files[0]})})
+        sweeps = zip(extended.sweep, files, strict=True)
+        named = tuple(one.model_copy(update={"file": file}) for one, file in sweeps)
+        return extended.model_copy(update={"sweep": named, "measurement": table if in_memory else extended.measurement})
