@@ -107,9 +107,24 @@ def with_schema(record: Mapping[str, Any]) -> dict[str, Any]:
     return {"schema": SCHEMA} | dict(record)
 
 
+def as_json(value: Any) -> Any:
+    """A value in JSON types: lists for tuples and arrays, Python's numbers for numpy's, None for NaN and infinity."""
+    return json.loads(json.dumps(value, default=_plain), parse_constant=lambda _: None)
+
+
+def _plain(value: Any) -> Any:
+    """An array or a number of numpy in Python's types."""
+    return value.tolist()
+
+
 def json_text(record: Mapping[str, Any], indent: int | None = 2) -> str:
-    """The text of a record with its schema, on one line where `indent` is None; NaN is refused (ValueError)."""
-    return json.dumps(with_schema(record), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+    """The text of a record with its schema, on one line where `indent` is None; null for NaN and infinity."""
+    whole = with_schema(record)
+    try:
+        text = json.dumps(whole, indent=indent, allow_nan=False, ensure_ascii=False, default=_plain)
+    except ValueError:
+        text = json.dumps(as_json(whole), indent=indent, ensure_ascii=False)
+    return text + "\n"
 
 
 def read_json(path: Path, largest: int, what: str) -> dict[str, Any]:

@@ -6,10 +6,11 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from femu_piezo.errors import InputError
-from femu_piezo.files import SCHEMA, json_text, read_json
+from femu_piezo.files import SCHEMA, as_json, json_text, read_json
 from tests.commands import succeeded
 
 PACKAGE = Path(__file__).resolve().parents[1] / "femu_piezo"
@@ -61,5 +62,22 @@ def test_written_files_are_read_and_incomplete_ones_refused(tmp_path):
         path.write_text(content, encoding="utf-8")
         with pytest.raises(InputError, match=r"^\S+x.json: this (is not a result|file has schema)"):
             read_json(path, 1_000_000, "a result")
-    with pytest.raises(ValueError, match="JSON compliant"):
-        json_text({"a": float("nan")})
+
+
+def test_records_hold_plain_numbers_and_null_where_there_is_none():
+    """Numbers of numpy, tuples, NaN and infinity at any depth, and numbers as keys."""
+    record = {
+        "a": np.float64(0.1),
+        "b": (np.int64(3), float("nan"), [np.inf, -np.inf, True, None]),
+        "c": {"d": np.array([1.0, np.nan]), 2: "ε"},
+        "e": np.bool_(False),
+    }
+    plain = {"a": 0.1, "b": [3, None, [None, None, True, None]], "c": {"d": [1.0, None], "2": "ε"}, "e": False}
+    found = as_json(record)
+    assert found == plain and json.loads(json_text(record)) == {"schema": SCHEMA, **plain}
+    assert type(found["a"]) is float and type(found["b"][0]) is int and type(found["e"]) is bool
+    assert as_json(np.float64("nan")) is None
+    exact = np.random.default_rng(1).standard_normal(1000) * 10.0 ** np.arange(-250, 250, 0.5)
+    assert np.array_equal(as_json(exact), exact)
+    assert json.loads(json_text({"a": np.arange(2)})) == {"schema": SCHEMA, "a": [0, 1]}
+    assert "ε" in json_text({"a": "ε"}) and "ε" in json_text({"a": "ε", "b": np.nan})

@@ -5,13 +5,13 @@ A new step is one function here and its name in `STEPS`.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from femu_piezo.batch.table import NOTES_APART
 from femu_piezo.effects.words import sizes
 from femu_piezo.errors import InputError
+from femu_piezo.files import as_json
 from femu_piezo.output.records import update_record
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.model_cache import Bases
@@ -28,7 +28,7 @@ Step = Callable[[list[Specimen], Bases], tuple[dict[str, Value], dict]]
 
 def _update(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value], dict]:
     result = update(specimens, bases=bases)
-    return update_columns(result), finite(update_record(result))
+    return update_columns(result), as_json(update_record(result))
 
 
 def update_columns(result: UpdateResult) -> dict[str, Value]:
@@ -45,7 +45,7 @@ def update_columns(result: UpdateResult) -> dict[str, Value]:
     columns |= {"rms_log_error": first.rms_after, "iterations": result.iterations, "method": result.method}
     columns["doubt"] = NOTES_APART.join(result.doubts) or None
     columns["notes"] = NOTES_APART.join(result.notes)
-    return finite(columns)
+    return as_json(columns)
 
 
 def _diagnose(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value], dict]:
@@ -58,7 +58,7 @@ def _diagnose(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value]
             f"{specimens[0].path}: several specimens fitted together have no common diagnosis; diagnose each by itself"
         )
     result = diagnose(specimens[0], bases=bases)
-    return diagnosis_columns(result), finite(diagnosis_record(result))
+    return diagnosis_columns(result), as_json(diagnosis_record(result))
 
 
 def diagnosis_columns(result: Diagnosis) -> dict[str, Value]:
@@ -74,7 +74,7 @@ def diagnosis_columns(result: Diagnosis) -> dict[str, Value]:
         columns["alike"] = ", ".join(first.indistinguishable_from) or None
     columns |= {f"error_{when}": gain[f"held_out_{when}"] for when in ("before", "after")}
     columns |= {"error_noise": gain["noise_floor"], "diagnosis": _diagnosis_words(verdict.word, causes)}
-    return finite(columns)
+    return as_json(columns)
 
 
 def _diagnosis_words(word: str, causes) -> str:
@@ -93,8 +93,3 @@ def _diagnosis_words(word: str, causes) -> str:
 
 
 STEPS: dict[str, Step] = {"update": _update, "diagnose": _diagnose}
-
-
-def finite(value):
-    """A value as JSON returns it (lists for tuples, Python numbers for those of numpy), None for NaN and infinity."""
-    return json.loads(json.dumps(value, default=lambda one: one.tolist()), parse_constant=lambda _: None)

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from femu_piezo.circuits.branch import UNITS, Branch
+from femu_piezo.files import as_json
 from femu_piezo.measurement.spectrum import evenly
 from femu_piezo.units import hertz
 
@@ -105,18 +106,18 @@ class Circuit:
         return sum(part.values["C"] for part in self.static if part.kind == "C")
 
     def to_json(self) -> dict:
-        """JSON types only, SI."""
-        return {
+        """JSON types only, SI; None for what is infinite."""
+        found = {
             "name": self.name,
             "branches": [
                 {
                     "frequency_Hz": branch.frequency_Hz,
-                    "quality_factor": branch.quality_factor if np.isfinite(branch.quality_factor) else None,
+                    "quality_factor": branch.quality_factor,
                     "residue_phase": branch.residue_phase,
                     "doubtful": branch.doubtful,
                     "elements": {
                         key: {
-                            "value": value if np.isfinite(value) else None,
+                            "value": value,
                             "std": branch.std.get(key),
                             "unit": UNITS[key],
                         }
@@ -132,6 +133,7 @@ class Circuit:
             and dict(zip(("rms", "largest"), self.misfit_of_sweep, strict=True)),
             "notes": list(self.notes),
         }
+        return as_json(found)
 
 
 def _relative_misfit(found: np.ndarray, curve: np.ndarray) -> tuple[float, float]:

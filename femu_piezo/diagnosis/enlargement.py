@@ -133,7 +133,7 @@ class Enlargement:
         tell: Callable[[str], None],
         words: str,
     ) -> list[_Prospect]:
-        # candidates at a place take longest and go first: started last, one of them would leave the other cores idle
+        # candidates with `local` terms take longest and go first: started last, one would leave the other cores idle
         order = sorted(candidates, key=lambda effect: effect.local is None)
         found: dict[str, list[Start]] = {}
         for effect, own in zip(
@@ -198,8 +198,8 @@ class Enlargement:
         """Screen candidates without a rough fit again from where their linearised step ends, and fit the hopeful ones.
 
         Constants that compensate a cause move far with it: only from there linearisation shows what the cause promises.
-        Candidates at a place are left out; the others must explain most of the misfit by linearisation, unless no fit
-        explains it.
+        Candidates whose place is sought are left out; the others must explain most of the misfit by linearisation,
+        unless no fit explains it.
         """
         unexplained = self._unexplained()
         without_fit = [
@@ -217,8 +217,8 @@ class Enlargement:
         """Screen causes again one step from the prior means of the tolerances, and fit those that now promise more.
 
         For a set whose tolerances are strained: they may compensate the true cause, and where they stand linearisation
-        promises little of it. It promises too little by half the χ² of the priors at most. Causes at a place are left
-        out.
+        promises little of it. It promises too little by half the χ² of the priors at most. Causes whose place is sought
+        are left out.
         """
         relief = float(self._current.further_residual @ self._current.further_residual) / 2
         chosen = [

@@ -133,7 +133,7 @@ class Weighing:
         return float(np.logaddexp(one.log_evidence + np.log1p(-self.discrepancy_prior), with_it))
 
     def leaves_something(self, current: Fit) -> bool:
-        """Whether residuals or deviations from priors leave something that a cause at a place might explain."""
+        """Whether residuals or deviations from priors leave something that a cause with `local` terms might explain."""
         remaining = remaining_of(current)
         doubt = min(remaining.p_white, 1.0 if remaining.p_size is None else remaining.p_size, strain_of(current))
         return doubt < self.rules.doubt or current.learned.log_evidence > 0

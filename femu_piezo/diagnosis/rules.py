@@ -52,9 +52,9 @@ class Rules:
     )
     doubt: float = _rule(
         0.05,
-        "causes that act at a place are tried where the remaining misfit, or the distance of the unknowns from their "
-        "priors, is less probable than this by chance, or where a discrepancy explains it better than noise; that "
-        "happens in about one of ten sweeps without a cause",
+        "causes that act at a place or differently along the body are tried where the remaining misfit, or the "
+        "distance of the unknowns from their priors, is less probable than this by chance, or where a discrepancy "
+        "explains it better than noise; that happens in about one of ten sweeps without a cause",
     )
     contender: float = _rule(
         10.0,

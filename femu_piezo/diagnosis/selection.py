@@ -217,8 +217,8 @@ class _Search:
         keys = frozenset(current.parameters.candidates)
         if keys not in self._expanded:
             titles = {effect.title for effect in current.parameters.causes}
-            with_placed = self._weighing.leaves_something(current)  # candidates at a place take longest
-            others = [e for e in self._library if e.title not in titles and (with_placed or e.local is None)]
+            with_local = self._weighing.leaves_something(current)  # these candidates take longest
+            others = [e for e in self._library if e.title not in titles and (with_local or e.local is None)]
             words = f"candidate with {' and '.join(sorted(keys))}" if keys else "candidate"
             unions = {effect.key: self._known.get(keys | {effect.key}) for effect in others}
             known = {key: one.fit for key, one in unions.items() if one is not None and not one.fit.extrapolated}
@@ -231,7 +231,7 @@ class _Search:
     def _pairs(self, enlarged: frozenset[str]) -> list[Fit | None]:
         """Fits of the best pairs of causes by linearisation: each cause of a pair may explain little by itself.
 
-        Causes at a place and forms of unknown errors are left out; the latter are added to every set anyway.
+        Causes whose place is sought and forms of unknown errors are left out; the latter are added to every set anyway.
 
         enlarged : keys of causes that are enlarged by every other one anyway
         """

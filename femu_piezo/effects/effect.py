@@ -17,7 +17,7 @@ holds one cause; no other file has to change for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -44,6 +44,8 @@ StretchHook = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 DensityHook = Callable[[np.ndarray], tuple[float, np.ndarray]]
 #: (ω (k,), p (n,)) → coefficient (k,) complex, and ∂/∂p (k, n)
 CoefficientHook = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+#: (p (n,), area of an electrode, m²) → mass, kg, and ∂/∂p (n,)
+MassHook = Callable[[np.ndarray, float], tuple[float, np.ndarray]]
 #: (ω (k,), Z (k,), p (n,)) → Z' (k,), ∂Z'/∂Z (k,), ∂Z'/∂p (k, n)
 CircuitHook = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
@@ -184,6 +186,11 @@ class ExtraTerm:
     training: tuple[float, ...] = ()
     on_electrodes: Callable[[Faces], sp.spmatrix] | None = None
 
+    @property
+    def built(self) -> tuple[Hashable, ...]:
+        """Name, kind and the function that builds A: equal for terms that one matrix serves."""
+        return self.name, self.kind, self.matrix, self.on_electrodes
+
     def of(self, model: ElectroelasticModel) -> sp.spmatrix:
         """A (4n, 4n) on the mesh of a model."""
         return self.matrix(model) if self.on_electrodes is None else self.on_electrodes(electrode_faces(model))
@@ -208,6 +215,7 @@ class Effect:
     confusable_with : names of effects and constants it may be hard to tell from
     advice : further measurements that separate it from those
     reshaping : map of the body, its size the first parameter, for a dimension that no stretch along an axis changes
+    added_mass : mass that it puts on the body, which a balance sees; the hook of `terms` or `local` with inertia
     dispersive : whether `constants` or a coefficient depends on ω
     sectors : groups of unknowns beyond the driven ones that the terms couple
         (`femu_piezo.effects.local.sectors`)
@@ -239,6 +247,7 @@ class Effect:
     reshaping: Reshaping | None = None
     terms: tuple[ExtraTerm, ...] = ()
     local: LocalHook | None = None
+    added_mass: MassHook | None = None
     circuit: CircuitHook | None = None
     acquisition: AcquisitionHook | None = None
     dispersive: bool = False

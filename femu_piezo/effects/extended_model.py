@@ -7,7 +7,7 @@ matrix is the sum of its parts of equal exponents ("strata"); with them any stre
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +19,7 @@ from femu_piezo.effects.local.mesh_fields import MeshFields
 from femu_piezo.effects.local.operators import Places
 from femu_piezo.effects.local.round_fields import RoundFields
 from femu_piezo.effects.local.sectors import Fields, Sectors
+from femu_piezo.errors import InputError
 from femu_piezo.forward.mesh_error import MeshError, mesh_error
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import ElectroelasticModel
@@ -201,23 +202,32 @@ class Needs:
 
     Attributes
     ----------
-    trained : name, kind and training values of every term
+    trained : name, kind and matrix (the function that builds it), and training values, of every term
     terms : the terms themselves, one of each name
     sectors : names of the sectors that the effects couple
     stretching : whether an effect changes dimensions
     """
 
-    trained: tuple[tuple[str, str, tuple[float, ...]], ...]
+    trained: tuple[tuple[Hashable, ...], ...]
     terms: tuple[ExtraTerm, ...] = field(compare=False)
     sectors: tuple[str, ...]
     stretching: bool
 
     @classmethod
     def of(cls, effects: Sequence[Effect]) -> Needs:
-        """What all effects of a list need together."""
-        terms = tuple({term.name: term for effect in effects for term in effect.terms}.values())
+        """What all effects of a list need together; InputError where two have different terms of one name."""
+        found: dict[str, tuple[str, ExtraTerm]] = {}
+        for effect in effects:
+            for term in effect.terms:
+                other, same = found.setdefault(term.name, (effect.name, term))
+                if other != effect.name and same.built != term.built:
+                    raise InputError(
+                        f"effects: {other} and {effect.name} have different terms of the name {term.name!r}; give that "
+                        "of one of them another name"
+                    )
+        terms = tuple(term for _, term in found.values())
         return cls(
-            trained=tuple((term.name, term.kind, term.training) for term in terms),
+            trained=tuple((*term.built, term.training) for term in terms),
             terms=terms,
             sectors=tuple(dict.fromkeys(name for effect in effects for name in effect.sectors)),
             stretching=any(effect.stretch is not None for effect in effects),

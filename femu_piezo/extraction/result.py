@@ -13,6 +13,7 @@ from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.noise_level import NoiseUsed
 from femu_piezo.extraction.order import Candidate
 from femu_piezo.extraction.roots import Pair, fundamental
+from femu_piezo.files import as_json
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance, ResonanceSet
 from femu_piezo.standards.figures import StandardFigures, read_curve, standard_figures
@@ -108,20 +109,20 @@ class Extraction:
         return told
 
     def to_json(self) -> dict:
-        """The result of `extract` in JSON types: poles and zeros, and all that qualifies them."""
-        return {
+        """Poles and zeros, and all that qualifies them, in JSON types; None for what is not known."""
+        found = {
             "poles": [r.to_json() for r in self.resonances.poles],
             "zeros": [r.to_json() for r in self.resonances.zeros],
             "pairs": [
                 {
                     "pole_Hz": p.pole.frequency_Hz,
                     "zero_Hz": p.zero.frequency_Hz,
-                    "k_eff": None if np.isnan(p.k_eff) else p.k_eff,
-                    "std_k_eff": None if np.isnan(p.std_k_eff) else p.std_k_eff,
+                    "k_eff": p.k_eff,
+                    "std_k_eff": p.std_k_eff,
                     "Q_pole": p.pole.quality_factor,
                     "Q_zero": p.zero.quality_factor,
                     "coupling_phase": p.coupling_phase,
-                    "std_coupling_phase": None if np.isnan(p.std_coupling_phase) else p.std_coupling_phase,
+                    "std_coupling_phase": p.std_coupling_phase,
                 }
                 for p in self.pairs
             ],
@@ -140,7 +141,7 @@ class Extraction:
                 "additive_ohm": self.noise.additive,
                 "origin": self.noise.origin,
             },
-            "reduced_chi_square": None if np.isnan(self.reduced_chi_square) else self.reduced_chi_square,
+            "reduced_chi_square": self.reduced_chi_square,
             "model": None
             if self.model is None
             else {"modes": int(self.model.poles.size), "background_degree": int(self.model.background.size) - 1},
@@ -156,3 +157,4 @@ class Extraction:
             "notes": [*self.spectrum.notes, *self.notes],
             "remarks": list(self.remarks),
         }
+        return as_json(found)

@@ -81,25 +81,11 @@ class Reading:
         factor, slopes = _scaled(active, unknowns, 1)
         found, slopes = self.density * self.volume * factor, self.density * self.volume * factor * slopes
         for item in active:
-            added, own = self._added_mass(item)
-            found += added
-            item.put(slopes, own)
+            if item.effect.added_mass is not None:
+                added, own = item.effect.added_mass(item.values, self.area)
+                found += added
+                item.put(slopes, own)
         return found, slopes
-
-    def _added_mass(self, item: Active) -> tuple[float, np.ndarray]:
-        """Mass that films on both electrodes or a spot add, kg, and its slopes (n,) in parameters of the effect."""
-        own, p = np.zeros(item.values.size), item.values
-        match item.effect.name:
-            case "electrode_mass":
-                own[0] = 2 * self.area
-                return 2 * self.area * p[0], own
-            case "film_stiffness":
-                own[[0, 2]] = 2 * self.area * p[[2, 0]]
-                return 2 * self.area * p[0] * p[2], own
-            case "point_mass":
-                own[0] = 1.0
-                return p[0], own
-        return 0.0, own
 
     def _capacitance(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
         if self.model is None:

@@ -25,11 +25,12 @@ def noise_study_figure(title: str, settings: Sequence[Setting]) -> Figure:
 
     Rows: deviations of constants and of tangents (dots reached, lines stated); the mean error over its standard
     deviation; the share of draws whose truth is within one and two stated deviations. The bands of the last two rows
-    hold 95 % where the stated deviations are right.
+    hold 95 % where the stated deviations are right. Settings of which no fit settled are left out.
     """
     picture = Picture(figsize=(10.5, 12.0), layout="constrained")
     axes = picture.subplots(4, 2, sharex="col", sharey="row")
     plan = settings[1]
+    settings = [one for one in settings if len(one.error)]
     columns = (
         ("noise of a point", [one for one in settings if one.points == plan.points], lambda one: one.noise),
         ("points of the sweep", [one for one in settings if one.noise == plan.noise], lambda one: one.points),

@@ -333,6 +333,10 @@ def _study_lines(settings: Sequence[Setting]) -> list[str]:
         else ["specimens drawn at random within the tolerances, updated with the values of the file:"]
     )
     for one in settings:
+        setting = f"  noise {100 * one.noise:.2g} %, {one.points} points"
+        if not len(one.error):
+            lines.append(f"{setting}: none of {one.lost} fits converged")
+            continue
         parts = []
         for index, label in enumerate(one.labels):
             if label.startswith("tan_"):
@@ -346,8 +350,7 @@ def _study_lines(settings: Sequence[Setting]) -> list[str]:
         lost = f", {one.lost} fits did not converge" if one.lost else ""
         inside = " and ".join(f"{100 * np.mean(one.inside(sigma)):.0f} %" for sigma in (1, 2))
         lines.append(
-            f"  noise {100 * one.noise:.2g} %, {one.points} points: {', '.join(parts)}; {inside} of the true values "
-            f"within 1 and 2 stated deviations{lost}"
+            f"{setting}: {', '.join(parts)}; {inside} of the true values within 1 and 2 stated deviations{lost}"
         )
     return lines
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from femu_piezo.batch.jobs import Job, file_checksum, program_checksum
 from femu_piezo.batch.lot import QUANTITIES
-from femu_piezo.batch.steps import diagnosis_columns, finite, update_columns
+from femu_piezo.batch.steps import diagnosis_columns, update_columns
+from femu_piezo.files import as_json
 from femu_piezo.output.records import update_record
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.results import UpdateResult
@@ -145,7 +146,7 @@ def entry_of_result(specimens: Sequence[Specimen], result: UpdateResult | Diagno
         step, columns, record = "diagnose", diagnosis_columns(result), diagnosis_record(result)
     name = " + ".join(one.name for one in specimens)
     columns = {"specimen": name, **columns}
-    return Entry(step, name, "ok", "", _inputs(specimens), columns, finite(record), program_checksum())
+    return Entry(step, name, "ok", "", _inputs(specimens), columns, as_json(record), program_checksum())
 
 
 def _inputs(specimens: Sequence[Specimen]) -> tuple[tuple[Described, Measured | None], ...]:

@@ -15,6 +15,7 @@ import numpy as np
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.errors import InputError
+from femu_piezo.files import as_json
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.identifiability import Identifiability, identifiability
 from femu_piezo.inference.response import Evaluation
@@ -24,7 +25,7 @@ from femu_piezo.material.constants import D_FORM
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.expectation import Expectation, expect, planned
-from femu_piezo.study.noise_study import Setting, noise_study
+from femu_piezo.study.noise_study import FEWEST_DRAWS, Setting, noise_study
 from femu_piezo.study.plan import Plan, plan_sweep
 from femu_piezo.study.problem import Problem, prepare, refuse_nothing_free
 from femu_piezo.study.progress import Progress
@@ -91,20 +92,16 @@ class IdentifyResult:
         )
 
     def to_json(self) -> dict:
-        """Contents of identifiability.json; null for what is infinite."""
-
-        def finite(value: float) -> float | None:
-            return float(value) if np.isfinite(value) else None
-
-        return {
+        """Contents of identifiability.json; None for what is infinite or not known."""
+        found = {
             "specimens": list(self.names),
             "relative_noise": self.noise,
             "constants": {
                 name: {
                     "determined": self.known.verdict(name),
-                    "relative_std": finite(self.known.std[index]),
-                    "relative_std_if_all_else_known": finite(self.known.std_alone[index]),
-                    "tan_std": finite(self.known.std[index + 1]),
+                    "relative_std": self.known.std[index],
+                    "relative_std_if_all_else_known": self.known.std_alone[index],
+                    "tan_std": self.known.std[index + 1],
                 }
                 for index, name in enumerate(self.known.names)
                 if not name.startswith("tan_")
@@ -114,7 +111,7 @@ class IdentifyResult:
                 {
                     "measurement": item.measurement,
                     "would_determine": list(item.gained),
-                    "relative_std": {name: finite(std) for name, std in item.std.items()},
+                    "relative_std": dict(item.std),
                 }
                 for item in self.recommendations
             ],
@@ -123,6 +120,7 @@ class IdentifyResult:
             **({"study": [one.to_json() for one in self.study]} if self.study else {}),
             **({} if self.plan is None else {"plan": self.plan.to_json()}),
         }
+        return as_json(found)
 
 
 @with_blas_limit
@@ -153,13 +151,15 @@ def identify(
 
     Raises
     ------
-    InputError : a specimen cannot be computed, or the noise is no relative standard deviation
+    InputError : a specimen cannot be computed, the noise is no relative standard deviation, or a study is too small
     """
     specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
     refuse_nothing_free(specimens)
     noise = _stated_noise(specimens) if noise is None else noise
     if not 0 < noise < 1:
         raise InputError(f"noise {noise:g} is not a relative standard deviation; give one such as 0.001")
+    if study and study < FEWEST_DRAWS:
+        raise InputError(f"study = {study} gives no statistics; give {FEWEST_DRAWS} specimens or more, or 0 for none")
     progress = progress or (lambda step: None)
     problems = [_lossy(prepare(specimen, check=False)) for specimen in specimens]
     first = problems[0]

@@ -25,6 +25,8 @@ from femu_piezo.study.unknowns import as_filed, unknowns_of
 
 #: Multiples of the noise of the plan, at its number of points; multiples of the number of points, at its noise.
 _NOISES, _POINTS = (0.1, 1.0, 10.0), (0.25, 4.0)
+#: Fewest draws of which a study tells bias and coverage.
+FEWEST_DRAWS = 20
 #: Fewest points of a sweep, and most draws until a specimen is passive and within bounds.
 _FEWEST, _ATTEMPTS = 21, 100
 
@@ -64,9 +66,11 @@ class Setting:
         return np.mean(np.abs(self.error) < sigma * self.stated, axis=0)
 
     def to_json(self) -> dict:
-        """An item of "study" in identifiability.json."""
-        columns = (self.bias, self.deviation, np.median(self.stated, axis=0), self.inside(1), self.inside(2))
+        """An item of "study" in identifiability.json; NaN where no fit settled."""
         keys = ("bias_over_its_std", "deviation", "stated", "inside_1_sigma", "inside_2_sigma")
+        columns = [np.full(len(self.labels), np.nan)] * len(keys)
+        if len(self.error):
+            columns = [self.bias, self.deviation, np.median(self.stated, axis=0), self.inside(1), self.inside(2)]
         return {
             "noise": self.noise,
             "points": self.points,
@@ -95,6 +99,10 @@ def noise_study(
     ----------
     subjects, evaluations : as for `femu_piezo.study.expectation.expect`
     noise : relative, of the plan
+
+    Raises
+    ------
+    ConvergenceError : no fit settles at the noise and points of the plan
     """
     unknowns = unknowns_of(subjects, [one.model for one in evaluations])
     start, count = as_filed(subjects, unknowns), unknowns.of_material
@@ -126,6 +134,11 @@ def noise_study(
             stated.append(one.std[:count] * np.abs(scale))
         kept = (np.reshape(errors, (-1, count)), np.reshape(stated, (-1, count)))
         found.append(Setting(times * noise, sum(sizes), unknowns.material.names, start[:count] * scale, *kept, lost))
+    if not len(found[1].error):
+        raise ConvergenceError(
+            f"the study: none of {draws} updates at a noise of {noise:g} and {found[1].points} points settled; check "
+            "the tolerances of the file, or free fewer constants"
+        )
     return tuple(found)
 
 

@@ -13,7 +13,8 @@ from hidden_effects.build import Build
 from hidden_effects.ritz import RitzPlate
 
 from diagnosis.conftest import BAND, DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
-from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.effect import Effect, EffectContext
+from femu_piezo.effects.extended_model import Needs
 from femu_piezo.effects.library import from_table
 from femu_piezo.effects.library.losses import partner
 from femu_piezo.errors import InputError
@@ -288,6 +289,24 @@ def test_a_trial_step_may_make_the_mass_indefinite(setup):
         exact, slopes = setup.evaluation.with_jacobian(parameters.with_candidate(law), np.append(x, [0.0, 0.0]))
         np.testing.assert_allclose(z, exact, rtol=1e-7)
         np.testing.assert_allclose(tangents, slopes[:, :-2], rtol=1e-6, atol=1e-7 * np.abs(slopes).max())
+
+
+def test_terms_of_one_name_have_one_matrix(setup):
+    """A further effect with its own `film` would change that of electrode_mass; with another name it needs a model of
+    its own, and so does one whose matrix was changed.
+    """
+    film, membrane = setup.library["electrode_mass"], setup.library["film_stiffness"]
+    assert len(Needs.of([film, membrane]).terms) == 2
+    (term,) = film.terms
+
+    def mine(name: str, scale: float) -> Effect:
+        own = replace(term, name=name, on_electrodes=None, matrix=lambda model: scale * term.of(model))
+        return replace(film, name="mine", terms=(own,))
+
+    with pytest.raises(InputError, match="electrode_mass and mine have different terms of the name 'film'"):
+        Needs.of([film, mine("film", 2.0)])
+    once, changed = mine("solder", 1.0), mine("solder", 2.0)
+    assert Needs.of([film, once]) == Needs.of([film, once]) != Needs.of([film, changed])
 
 
 def test_strata_sum_to_the_bulk_matrices(setup):

@@ -5,12 +5,16 @@ posterior.
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hidden_effects.ritz import RitzPlate
 
-from diagnosis.conftest import DENSITY, FREQUENCY, SIZE
+from diagnosis.conftest import AXES, DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
+from femu_piezo.diagnosis.readings import readings as direct_readings
+from femu_piezo.effects.effect import EffectContext
 from femu_piezo.errors import InputError
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.readings import Reading, read_beside
@@ -18,6 +22,7 @@ from femu_piezo.specimen.file import Readings
 from tests.commands import invoked
 from tests.noise import noisy
 
+TUTORIALS = Path(__file__).parents[2] / "tutorials"
 VOLUME, AREA, NOISE = float(np.prod(SIZE)), SIZE[0] * SIZE[1], 0.02
 KILOHERTZ = np.array([1e3])
 NAMES = ("mass", "capacitance", "d33", "sound_velocity")
@@ -81,6 +86,22 @@ def test_slopes_of_readings_with_causes(setup, name):
         step[column] = 1e-4
         numeric = (read.row(parameters, x + step)[0] - read.row(parameters, x - step)[0]) / 2e-4
         assert slopes[column] == pytest.approx(numeric, rel=1e-5, abs=1e-6 * np.max(np.abs(slopes)))
+
+
+def test_a_balance_sees_the_mass_of_an_own_effect(setup):
+    """The solder of the tutorial, 3 mg on each of two ends; a plan advises to weigh where it may be there."""
+    spec = spec_from_file_location("end_mass", TUTORIALS / "own_effect/effects/end_mass.py")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    context = EffectContext(FUNDAMENTAL, ("s11",), setup.constants, AXES, DENSITY, SIZE[2], 2e3, tuple(SIZE))
+    (solder,) = module.candidates(context)
+    parameters = setup.unknowns.with_candidate(solder)
+    x = np.append(setup.x, 3e-6 / solder.scale)
+    row, slopes = reading(setup, "mass", DENSITY * VOLUME, 1e-6).row(parameters, x)
+    assert row == pytest.approx(6.0) and slopes[-1] == pytest.approx(2 * solder.scale[0] / 1e-6)
+    assert np.all(slopes[:-1] == 0)
+    ((words, seen),) = direct_readings([solder], {"": context})
+    assert words == "weigh the specimen, to 0.1 %" and list(seen) == [("end_mass", "")]
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,9 @@ import json
 import numpy as np
 import pytest
 
+import femu_piezo as fp
+from femu_piezo.errors import ConvergenceError, InputError
+from femu_piezo.inference.fit import fit
 from femu_piezo.output.noise_study import noise_study_figure
 from femu_piezo.study.noise_study import Setting
 from tests.commands import invoked, succeeded
@@ -176,3 +179,31 @@ def test_the_picture_of_a_study_shows_every_share(share):
     low, high = panel.get_ylim()
     assert shown == pytest.approx(share) and low < shown.min() - 0.02 and shown.max() < high
     assert low <= 0.4
+
+
+def test_a_setting_of_which_no_fit_settled_is_told(monkeypatch, tmp_path):
+    """At ten times the noise no fit settles: null in the file, a line in words, no points in the picture. At the noise
+    of the plan it is an error, and so is a study of too few specimens.
+    """
+    body = BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz")
+    (tmp_path / "plate.toml").write_text(body, encoding="utf-8")
+    wanted, lost = tmp_path / "plate.toml", [1e-2]
+
+    def fails(response, data, unknowns, starts):
+        if any(np.isclose(data.relative_noise[0], one) for one in lost):
+            raise ConvergenceError("as if none settled")
+        return fit(response, data, unknowns, starts)
+
+    monkeypatch.setattr("femu_piezo.study.noise_study.fit", fails)
+    result = fp.identify(wanted, 1e-3, study=20, recommend=False)
+    result.save(tmp_path)
+    found = json.loads((tmp_path / "identifiability.json").read_text())["study"]
+    (loud,) = (one for one in found if one["noise"] == pytest.approx(1e-2))
+    assert loud["draws"] == 0 and loud["lost"] == 20 and set(loud["constants"]["s11"].values()) == {None}
+    assert all(None not in one["constants"]["s11"].values() for one in found if one is not loud)
+    assert "noise 1 %, 301 points: none of 20 fits converged" in str(result)
+    lost.append(1e-3)
+    with pytest.raises(ConvergenceError, match=r"none of 20 updates at a noise of 0\.001 and 301 points settled"):
+        fp.identify(wanted, 1e-3, study=20, recommend=False)
+    with pytest.raises(InputError, match="study = 3 gives no statistics; give 20 specimens or more"):
+        fp.identify(wanted, 1e-3, study=3, recommend=False)

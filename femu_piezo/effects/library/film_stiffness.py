@@ -33,6 +33,10 @@ def _mass(omega: np.ndarray, p: np.ndarray):
     return p[0] * p[2] * ones, ones[:, None] * np.array([p[2], 0.0, p[0]])
 
 
+def _weight(p: np.ndarray, area: float) -> tuple[float, np.ndarray]:
+    return 2 * area * p[0] * p[2], 2 * area * np.array([p[2], 0.0, p[0]])
+
+
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """For bodies with electrodes on faces normal to z; sizes as shares of the body's stiffness and mass per face."""
     if context.poling != "thickness":
@@ -66,5 +70,6 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 ExtraTerm("membrane", "stiffness", None, _membrane, on_electrodes=_PLANE_STRESS),
                 ExtraTerm("film", "inertia", None, _mass, (0.02 * mass,), on_electrodes=electrode_film),
             ),
+            added_mass=_weight,
         ),
     )

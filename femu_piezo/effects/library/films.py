@@ -19,6 +19,10 @@ def _mass(omega: np.ndarray, p: np.ndarray):
     return np.full(omega.shape, p[0], dtype=complex), np.ones((omega.size, 1), dtype=complex)
 
 
+def _weight(p: np.ndarray, area: float) -> tuple[float, np.ndarray]:
+    return 2 * area * p[0], np.array([2 * area])
+
+
 def _difference(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     film = places.of_displacements(places.films[...])
     return [LocalTerm.constant_over(omega, "inertia", film, p[0] / 2, [0.5])]
@@ -38,6 +42,7 @@ def _mean_film(context: EffectContext) -> tuple[Effect, ...]:
                 "measure the thickness of the electrodes",
             ),
             terms=(ExtraTerm("film", "inertia", None, _mass, (0.02 * mass,), on_electrodes=electrode_film),),
+            added_mass=_weight,
         ),
     )
 

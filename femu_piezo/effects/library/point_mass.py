@@ -73,6 +73,10 @@ def _onset(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     return [LocalTerm("inertia", n.T @ n / places.face.copies, slopes[:, 0] * p[0], slopes)]
 
 
+def _weight(p: np.ndarray, area: float) -> tuple[float, np.ndarray]:
+    return p[0], np.eye(1, p.size)[0]
+
+
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """For every body with an upper face."""
     if context.mass is None:
@@ -101,6 +105,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             advice=("look at both faces and clean them", "weigh the specimen before and after cleaning"),
             local=_hook(context, (radius.low, radius.high)),
             onset=_onset,
+            added_mass=_weight,
             # it shifts radial modes as s11 and s12 do, and shows by the bending modes that it drives
             start_sizes=() if context.radii is None else (0.25, 1.0),
             sectors=(SPOT, *place.sectors),

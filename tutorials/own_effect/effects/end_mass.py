@@ -40,6 +40,10 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         """c = m/A at each frequency, and ∂c/∂m."""
         return np.full(omega.shape, p[0] / section, dtype=complex), np.full((omega.size, 1), 1 / section, dtype=complex)
 
+    def weight(p: np.ndarray, area: float) -> tuple[float, np.ndarray]:
+        """Mass of the solder on both ends, kg, and its derivative: what a balance sees."""
+        return 2 * p[0], np.array([2.0])
+
     return (
         Effect(
             name="end_mass",
@@ -48,5 +52,6 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             confusable_with=("wrong_length", "electrode_mass", "s11"),
             advice=("look at the ends and clean them", "weigh the specimen before and after cleaning"),
             terms=(ExtraTerm("end mass", "inertia", end_face, coefficient, (0.05 * own / section,)),),
+            added_mass=weight,
         ),
     )
