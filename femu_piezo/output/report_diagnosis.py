@@ -170,7 +170,7 @@ def _candidates(result: Diagnosis) -> str:
     base = result.comparison.base
     rows = [("none", "0", f"{base.chi_square:.5g}", f"{base.held_out.rms:.3g}", "", "")]
     for trial in ranked(result):
-        on_bound = any(name.startswith(trial.effect.key) for name in trial.fit.on_bound)
+        on_bound = any(name.startswith(f"{trial.effect.key}.") for name in trial.fit.on_bound)
         rows.append(
             (
                 spoken(trial.effect),

@@ -362,12 +362,16 @@ class Limits(Table):
         return None
 
 
+#: Where a simulated sweep begins unless the file says otherwise.
+LOWEST_HZ = 100.0
+
+
 class Simulation(Table):
     """Sweep of a simulation, also the band of `measure` and the planned sweep of `identify`."""
 
     model_config = ConfigDict(title="simulation")
 
-    start: Frequency | None = described("lowest frequency; default 100 Hz")
+    start: Frequency | None = described(f"lowest frequency; default {LOWEST_HZ:g} Hz")
     stop: Frequency | None = described("highest frequency; default: 3.5 times the expected fundamental")
     points: int = described("number of points, 2 to 1000000", 801)
     spacing: Literal["linear", "log"] = described("spacing of the frequencies", "linear")
@@ -377,8 +381,15 @@ class Simulation(Table):
         "polynomial order of the finite elements, 1 to 8; default: chosen by the program for the accuracy"
     )
 
+    @property
+    def lowest(self) -> float:
+        """The lowest frequency, Hz."""
+        return self.start or LOWEST_HZ
+
     def problem(self) -> str | None:
-        if self.start is not None and self.stop is not None and not self.start < self.stop:
+        if self.stop is not None and not self.lowest < self.stop:
+            if self.start is None:
+                return f"simulation.stop = {self.stop:g} Hz is not above the usual start, {LOWEST_HZ:g} Hz; give start"
             return f"simulation.start = {self.start:g} Hz is not below stop = {self.stop:g} Hz; exchange them"
         if not 2 <= self.points <= 1_000_000:
             return f"simulation.points = {self.points} is outside 2 … 1000000; 801 is usual"

@@ -23,7 +23,7 @@ from femu_piezo.measurement.compensation import Compensation, Load
 from femu_piezo.measurement.readers import accept_spectrum, read_raw, read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.touchstone import is_touchstone
-from femu_piezo.specimen.file import Measurement, Specimen, Update
+from femu_piezo.specimen.file import Measurement, Residue, Specimen, Update
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.starts import has_uniform_field, start_permittivity, start_values
 from femu_piezo.units import hertz
@@ -139,28 +139,55 @@ def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None 
 
 
 def tables_of_the_first(measured: Sequence[Measured]) -> tuple[str, ...]:
-    """Notes on what [material] and [update] of further specimens say otherwise than those of the first, which count."""
+    """Notes on what files of further specimens state otherwise than the first, which alone counts.
+
+    That is [material], [update], and of [measurement] the accuracy of the instrument and the residue of the fixture.
+    """
     first, others = measured[0], {one.piece.name: one for one in measured if one.piece is not measured[0].piece}
-    told: dict[str, list[str]] = {"material": [], "update": []}
+    told: dict[str, list[str]] = {"[material]": [], "[update]": [], "[measurement] on instrument and fixture": []}
     for name, other in others.items():
-        mine, its = first.piece.material, other.piece.material
-        further = [one for one in its.free if one not in mine.free]
-        differs = [f"frees {', '.join(further)}"] if further else []
-        if not np.array_equal(other.problem.constants.vector(), first.problem.constants.vector()):
-            differs.append("has other values")
-        if (its.priors, its.tangent_priors) != (mine.priors, mine.tangent_priors):
-            differs.append("states other standard deviations")
-        if differs:
-            told["material"].append(f"that of {name}, which {' and '.join(differs)}, does not")
-        rules, own = first.piece.update or Update(), other.piece.update or Update()
-        keys = [key for key in Update.model_fields if getattr(rules, key) != getattr(own, key)]
-        if keys and other.piece.update is not None:
-            told["update"].append(f"that of {name}, which has another {' and '.join(keys)}, does not")
+        for words, differs in zip(told.values(), (_of_material, _of_rules, _of_instrument), strict=True):
+            if found := differs(first, other):
+                words.append(f"that of {name}, which {' and '.join(found)}, does not")
     return tuple(
-        f"the table [{table}] of {first.piece.name} counts for all specimens; {'; '.join(words)}"
+        f"the table {table} of {first.piece.name} counts for all specimens; {'; '.join(words)}"
         for table, words in told.items()
         if words
     )
+
+
+def _of_material(first: Measured, other: Measured) -> list[str]:
+    """What [material] of another specimen has that the first has not, in words."""
+    mine, its = first.piece.material, other.piece.material
+    further = [one for one in its.free if one not in mine.free]
+    found = [f"frees {', '.join(further)}"] if further else []
+    if not np.array_equal(other.problem.constants.vector(), first.problem.constants.vector()):
+        found.append("has other values")
+    if (its.priors, its.tangent_priors) != (mine.priors, mine.tangent_priors):
+        found.append("states other standard deviations")
+    return found
+
+
+def _of_rules(first: Measured, other: Measured) -> list[str]:
+    """What [update] of another specimen asks otherwise, in words; nothing where it has no such table."""
+    if other.piece.update is None:
+        return []
+    rules = first.piece.update or Update()
+    keys = [key for key in Update.model_fields if getattr(rules, key) != getattr(other.piece.update, key)]
+    return [f"has another {' and '.join(keys)}"] if keys else []
+
+
+def _of_instrument(first: Measured, other: Measured) -> list[str]:
+    """What [measurement] of another specimen states otherwise of the instrument, and of the same fixture, in words."""
+    same_fixture = first.conditions.fixture == other.conditions.fixture
+
+    def stated(one: Measured) -> dict[str, Any]:
+        table = one.piece.measurement or Measurement()
+        found = {"accuracy": table.magnitude_std, "phase_accuracy": table.stated("phase_accuracy")}
+        return found | ({"residue": table.residue or Residue()} if same_fixture else {})
+
+    keys = [key for key, value in stated(other).items() if value != stated(first)[key]]
+    return [f"states another {' and '.join(keys)}"] if keys else []
 
 
 def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:

@@ -76,8 +76,9 @@ class Bases:
     def anchor(self, problem: Problem, free: FreeConstants) -> FreeConstants:
         """The free constants that rough bases are trained around: those of an earlier start near by, else `free`."""
         for one in self._anchors:
-            near = np.max(np.abs(free.start.real / one.start.real - 1)) <= _NEAR
-            if near and one.names == free.names and np.allclose(one.fixed, free.fixed, rtol=1e-9, atol=0):
+            if one.names != free.names or not np.allclose(one.fixed, free.fixed, rtol=1e-9, atol=0):
+                continue
+            if np.max(np.abs(free.start.real / one.start.real - 1)) <= _NEAR:
                 return one
         self._anchors.append(free)
         return free

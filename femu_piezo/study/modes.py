@@ -127,10 +127,9 @@ def modes(
     reduced_to = max(1.3 * high, 1.5 * problem.expected_pole_Hz)
     reduced = reduce_model(model, [problem.constants], reduced_to, accuracy=_REDUCTION_ERROR)
     modal = reduced.modal(problem.constants.to_e_form())
-    values, inner = modal.zeros
-    open_states = modal.states[:, 1:] @ inner + modal.states[:, :1] * modal.zero_amplitudes
     poles = _driven("pole", modal.eigenvalues, modal.charges, reduced.basis @ modal.states[:, 1:], reduced_to)
-    zeros = _driven("zero", values, modal.zero_amplitudes, reduced.basis @ open_states, reduced_to)
+    open_states = reduced.basis @ modal.zero_states()
+    zeros = _driven("zero", modal.zeros[0], modal.zero_amplitudes, open_states, reduced_to)
     pairs = [pair for pair in _pairs(poles, zeros) if low <= pair[0][0].frequency_Hz <= high][:count]
     if not pairs and band is None and high < usual:  # the file simulates less
         return modes(specimen, band=(0.0, usual), count=count, effects=effects)

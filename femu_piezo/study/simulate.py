@@ -72,10 +72,9 @@ class SimulationResult:
 def sweep_frequencies(problem: Problem) -> np.ndarray:
     """The frequencies of [simulation]; by default 100 Hz to 3.5 times the fundamental, 801 points."""
     wish = problem.specimen.simulation or Simulation()
-    start = wish.start or 100.0
-    stop = wish.stop or max(problem.usual_end_Hz, 2 * start)
+    stop = wish.stop or max(problem.usual_end_Hz, 2 * wish.lowest)
     spaced = np.geomspace if wish.spacing == "log" else np.linspace
-    return spaced(start, stop, wish.points)
+    return spaced(wish.lowest, stop, wish.points)
 
 
 def visible_resonances(modal: ModalModel, band_Hz: float) -> tuple[tuple[Resonance, ...], tuple[Resonance, ...]]:

@@ -60,7 +60,8 @@ def figures_of_specimen(specimen: Specimen, spectrum: Sweep | None = None) -> tu
     frequency = measured.spectrum.frequency
 
     def curve(start: float, stop: float, points: int) -> RationalCurve:
-        wish = Simulation(start=start, stop=stop, points=points)
+        sweep = {"start": start, "stop": stop, "points": points, "spacing": "linear", "noise": 0.0}
+        wish = (specimen.simulation or Simulation()).model_copy(update=sweep)
         simulated = simulate(specimen.model_copy(update={"simulation": wish})).spectrum
         return rational_curve(simulated.frequency, simulated.impedance)
 

@@ -18,7 +18,7 @@ from test_report import Page
 from femu_piezo.batch.table import CONSTANT_COLUMNS, DIAGNOSIS_COLUMNS, UPDATE_COLUMNS
 from femu_piezo.diagnosis.averaging import Averaged
 from femu_piezo.diagnosis.rules import Rules
-from femu_piezo.effects.effect import EffectParameter
+from femu_piezo.effects.effect import Effect, EffectParameter
 from femu_piezo.effects.library import circuits, losses
 from femu_piezo.effects.words import quantity
 from femu_piezo.inference.unknowns import Estimate
@@ -28,7 +28,7 @@ from femu_piezo.output.diagnosis import diagnosis_record
 from femu_piezo.output.diagnosis_tables import fitted_sizes
 from femu_piezo.output.diagnosis_words import _best_candidate, _form, _likely, whatever_the_cause
 from femu_piezo.output.folder import prepare_folder, write_json
-from femu_piezo.output.report_diagnosis import write_diagnosis_report
+from femu_piezo.output.report_diagnosis import _candidates, write_diagnosis_report
 from femu_piezo.output.tables import interval_text
 from femu_piezo.output.wording import band, listed, merged
 from femu_piezo.specimen.file import read_specimen
@@ -116,6 +116,20 @@ def test_a_headline_names_what_is_more_probable_than_not():
     small, large, half = (SimpleNamespace(probability=p) for p in (0.0, 0.67, 0.5))
     assert _likely([small, large, half]) == [large, half]
     assert _likely([small, SimpleNamespace(probability=0.3)])[0].probability == 0.3
+
+
+def test_a_limit_that_another_effect_reached_is_not_told():
+    """A fit with `wrong_width_end` at its limit, of the candidate `wrong_width`, whose name the other begins with."""
+    parameter = EffectParameter("relative_error", "1", -0.3, 0.3, 0.001, 0.01)
+    told = []
+    for reached in ("wrong_width_end", "wrong_width"):
+        held_out = SimpleNamespace(rms=1.0)
+        found = SimpleNamespace(chi_square=1.0, held_out=held_out, on_bound=(f"{reached}.relative_error",))
+        effect = Effect("wrong_width", "the width is wrong", (parameter,))
+        trial = SimpleNamespace(effect=effect, fit=found, log_odds=1.0, values=np.array([0.01]), std=np.array([0.001]))
+        comparison = SimpleNamespace(base=found, singles=[trial])
+        told.append("at a limit of its range" in _candidates(SimpleNamespace(comparison=comparison)))
+    assert told == [False, True]
 
 
 def test_the_reference_explains_every_key_and_column(effect):

@@ -125,6 +125,7 @@ def test_variables_and_absolute_paths(tmp_path: Path, monkeypatch: pytest.Monkey
         ("[measurement]", "[measurement]\nnoise = 0", "measurement.noise"),
         ("[measurement]", "[simulation]\npoints = 1\n[measurement]", "simulation.points"),
         ("[measurement]", "[simulation]\nstart = 2\nstop = 1\n[measurement]", "simulation.start"),
+        ("[measurement]", '[simulation]\nstop = "50 Hz"\n[measurement]', "simulation.stop = 50 Hz is not above"),
         ("[measurement]", '[update]\nmethod = "best"\n[measurement]', "update.method"),
         ("[measurement]", "[update]\naccuracy = 2\n[measurement]", "update.accuracy"),
         ("[material]", "[material", "line 9"),

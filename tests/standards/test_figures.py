@@ -28,6 +28,7 @@ from femu_piezo.standards.figures import read_curve, standard_figures
 from femu_piezo.standards.frequencies import characteristic_frequencies
 from femu_piezo.standards.piece import Piece, material_figures
 from femu_piezo.study.problem import prepare
+from femu_piezo.study.simulate import simulate as study_simulate
 from femu_piezo.study.standard_figures import pieces_of
 from tests import k31_bar
 from tests.commands import invoked
@@ -333,6 +334,21 @@ def test_a_width_that_is_off_is_no_error_of_a_formula(tmp_path):
     width = next(float(values[0]) for effect, values in effects if effect.name == "wrong_width")
     figure = result.figures[0][0]["eps33T"]
     assert width > 0.005 and abs(figure.formula_error) < 1e-4 < abs(figure.deviation)
+
+
+def test_the_simulated_figures_are_those_of_the_order_of_the_file(plates, monkeypatch):
+    """[simulation] order = 3 holds for the sweep that is simulated beside a measured one."""
+    folder, _ = plates[3]
+    specimen, seen = fp.read_specimen(folder / "plate.toml"), []
+
+    def watched(one):
+        seen.append(one.simulation)
+        return study_simulate(one)
+
+    monkeypatch.setattr("femu_piezo.study.standard_figures.simulate", watched)
+    wish = Simulation(order=3, noise=0.1, spacing="log")
+    fp.standard_figures(folder / "sweep.csv", specimen.model_copy(update={"simulation": wish}))
+    assert seen and {(one.order, one.noise, one.spacing) for one in seen} == {(3, 0.0, "linear")}
 
 
 def test_a_sweep_above_the_fundamental_has_no_figures_of_a_bar(tmp_path):

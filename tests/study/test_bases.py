@@ -102,6 +102,18 @@ def test_a_start_near_an_earlier_one_uses_its_rough_basis(subject):
     assert rough(moved(given, 0.15).with_values(s33=1.05 * given.s33)) is not first
 
 
+def test_one_bases_serves_other_free_constants(subject):
+    """One object of `Bases` for updates that free two and three constants: each has rough bases of its own."""
+    bases, problem = Bases(), subject.measured.problem
+    found = []
+    for free in (("s11", "d31"), TRIO, ("s11", "d31"), ("s33", "d33")):
+        material = problem.specimen.material.model_copy(update={"free": free})
+        own = replace(problem, specimen=problem.specimen.model_copy(update={"material": material}))
+        found.append(bases.anchor(own, own.free(problem.constants)))
+    assert [one.names for one in found] == [("s11", "d31"), TRIO, ("s11", "d31"), ("s33", "d33")]
+    assert found[0] is found[2]
+
+
 @pytest.mark.parametrize("share", [0.09, -0.09, 0.3])
 def test_constants_far_from_the_file_go_to_a_grid(subject, share):
     """Bases are centred on a grid of free constants with ratio 1.1, the point nearest to the start, with the

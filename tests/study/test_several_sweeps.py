@@ -380,7 +380,9 @@ def test_update_and_deviations_of_the_first_specimen_count_for_all(bench):
     bench.put("a", sweep(seed=5))
     bench.put("b", sweep(seed=6))
     first = read_specimen(bench.write('[measurement]\nfile = "a.csv"', name="a"))
-    path = bench.write('[measurement]\nfile = "b.csv"\n[update]\nnoise_only = true\nloss = "huber"', name="b")
+    residue = '[measurement.residue]\nresistance = "5 ohm"\n'
+    lines = f'[measurement]\nfile = "b.csv"\naccuracy = 0.02\n{residue}[update]\nnoise_only = true\nloss = "huber"'
+    path = bench.write(lines, name="b")
     text = path.read_text(encoding="utf-8").replace("[material]", "[material]\nstd_s33 = 0.01")
     path.write_text(text, encoding="utf-8")
     measured = measure_each([first, read_specimen(path)])
@@ -388,6 +390,8 @@ def test_update_and_deviations_of_the_first_specimen_count_for_all(bench):
         "the table [material] of a counts for all specimens; that of b, which states other standard deviations, does "
         "not",
         "the table [update] of a counts for all specimens; that of b, which has another loss and noise_only, does not",
+        "the table [measurement] on instrument and fixture of a counts for all specimens; that of b, which states "
+        "another accuracy and residue, does not",
     )
     a, b = (tolerances(one.problem) for one in measured)
     assert a.keys() == b.keys() and "length" in b
