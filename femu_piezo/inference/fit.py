@@ -1,8 +1,9 @@
 """The one fit: the most probable unknowns of a sweep, their covariance, and the evidence for the model.
 
-    −2 log p(x | data) = Σ |log Z_model(x) − log Z|²/σ² + Σ ((x − mean)/std)² + walls
+    −2 log p(x | data) = Σ 2 |log Z_model(x) − log Z|²/σ² + Σ ((x − mean)/std)² + walls
 
-The level of the noise σ is found with x: it begins at that of the misfit and falls to that of the noise.
+up to a constant, σ² the mean square of the complex relative error of a point: either part has the deviation σ/√2. The
+level of σ is found with x: it begins at that of the misfit and falls to that of the noise.
 Free constants, tolerances and effects are all in x (`femu_piezo.inference.unknowns`). `update` is this fit; `diagnose`
 is this fit for several lists of causes. The model is linearised about the solution (Laplace): with J the Jacobian of
 data and priors, H = JᵗJ, the covariance is H^-1 and the evidence

@@ -298,7 +298,6 @@ def _components(frequencies: bytes, length: float, kernel: Kernel) -> np.ndarray
 def smooth(
     data: SweepData,
     log_slope: np.ndarray,
-    lengths: Sequence[float] = LENGTHS,
     shares: Sequence[float] = SHARES,
     kernel: Kernel = squared_exponential,
 ) -> Iterator[Alternatives]:
@@ -307,11 +306,11 @@ def smooth(
     Parameters
     ----------
     log_slope : (k,) complex ∂log Z/∂log f of the model
-    lengths : ℓ as shares of the sweep in log f;  shares : w;  kernel : correlation over distances in ℓ
+    shares : w;  kernel : correlation over distances in ℓ
     """
     steep = [np.sqrt(np.mean(np.abs(log_slope[sweep]) ** 2)) or 1.0 for sweep in data.sweeps]
     moved = np.concatenate([log_slope[sweep] / rms for sweep, rms in zip(data.sweeps, steep, strict=True)])
-    for length in lengths:
+    for length in LENGTHS:
         rows = _of_sweeps(data, [components(np.log(data.frequency[sweep]), length, kernel) for sweep in data.sweeps])
         both = _alone("smooth", rows, np.array([np.ones_like(moved), moved]), 1.0, length)
         for share in shares:
@@ -356,14 +355,12 @@ def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alter
         yield _alone("of every resonance", _of_sweeps(data, blocks), factor, loss, ratio)
 
 
-def of_one_resonance(
-    data: SweepData, impedance: np.ndarray, log_slope: np.ndarray, qualities: Sequence[float] = QUALITIES
-) -> Iterator[Alternatives]:
+def of_one_resonance(data: SweepData, impedance: np.ndarray, log_slope: np.ndarray) -> Iterator[Alternatives]:
     """A further resonance at every place of every sweep, in parallel with the piece or moving with it, for every Q.
 
     impedance : (k,) Z of the model, ohm;  log_slope : (k,) ∂log Z/∂log f
     """
-    for sweep, quality in product(data.sweeps, qualities):
+    for sweep, quality in product(data.sweeps, QUALITIES):
         points, frequency = np.arange(data.impedance.size)[sweep], data.frequency[sweep]
         if points.size <= _KEPT:
             places, rows, pairs = _kept_at_places(np.ascontiguousarray(frequency).tobytes(), quality)

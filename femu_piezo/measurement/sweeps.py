@@ -93,9 +93,9 @@ class SweepData:
         """Prior standard deviation of the logarithm of the noise level."""
         return level_std(self.noise_known)
 
-    def bands(self, count: int = _BANDS) -> list[np.ndarray]:
-        """Indices of the points of contiguous bands, `count` of each sweep."""
-        return [part for sweep in self.sweeps for part in np.array_split(sweep, count)]
+    def bands(self) -> list[np.ndarray]:
+        """Indices of the points of contiguous bands, `_BANDS` of each sweep."""
+        return [part for sweep in self.sweeps for part in np.array_split(sweep, _BANDS)]
 
     def select(self, keep: np.ndarray) -> SweepData:
         """The data at the points `keep` (bool, or indices in order) alone."""

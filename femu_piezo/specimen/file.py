@@ -454,6 +454,8 @@ class Specimen(Table):
     def problem(self) -> str | None:
         if not 0 < len(self.name) <= 200 or not self.name.isprintable():
             return f"name = {shown(self.name)} is not a line of 1 to 200 characters; give a short name"
+        if self.name == "prior":  # stands in results beside the names of specimens
+            return 'name = "prior" is the word for what is known beforehand; give another name'
         if self.geometry.mass is not None and self.readings is not None and self.readings.mass is not None:
             return "readings.mass and geometry.mass both state the mass of the specimen; give one of the two"
         if self.sweep is not None and (wrong := self._wrong_sweeps(self.sweep)):

@@ -102,6 +102,7 @@ def test_variables_and_absolute_paths(tmp_path: Path, monkeypatch: pytest.Monkey
         ('"1 mm"', '"0.01 mm"', "geometry.thickness = 1e-05 m is less than 1/1000 of length = 0.04 m; is the unit"),
         ('"40 mm"', '"-40 mm"', "geometry.length"),
         ('"40 mm"', '"40 kg"', "wrong dimension"),
+        ('name = "', 'name = "prior"\n# "', "known beforehand; give another name"),
         ('"7900 kg/m^3"', '"7.9 kg/m^3"', "geometry.density"),
         ('shape = "plate"', 'shape = "plat"', "'disk', 'ring' or 'mesh'"),
         ('shape = "plate"', 'shape = "disk"', "geometry.length does not belong to a disk"),

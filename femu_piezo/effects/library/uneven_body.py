@@ -31,7 +31,7 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """For plates with three mirror planes; the sweep cannot tell the two ends apart."""
-    if context.dimensions is None or not context.is_regular:
+    if context.dimensions is None:
         return ()
 
     def parameter(name: str, reach: float, spread: float, starts: tuple[float, ...] = ()) -> EffectParameter:
