@@ -355,12 +355,14 @@ def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alter
         yield _alone("of every resonance", _of_sweeps(data, blocks), factor, loss, ratio)
 
 
-def of_one_resonance(data: SweepData, impedance: np.ndarray, log_slope: np.ndarray) -> Iterator[Alternatives]:
+def of_one_resonance(
+    data: SweepData, impedance: np.ndarray, log_slope: np.ndarray, qualities: Sequence[float] = QUALITIES
+) -> Iterator[Alternatives]:
     """A further resonance at every place of every sweep, in parallel with the piece or moving with it, for every Q.
 
     impedance : (k,) Z of the model, ohm;  log_slope : (k,) ∂log Z/∂log f
     """
-    for sweep, quality in product(data.sweeps, QUALITIES):
+    for sweep, quality in product(data.sweeps, qualities):
         points, frequency = np.arange(data.impedance.size)[sweep], data.frequency[sweep]
         if points.size <= _KEPT:
             places, rows, pairs = _kept_at_places(np.ascontiguousarray(frequency).tobytes(), quality)

@@ -11,9 +11,10 @@ from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.inference.ensemble import Share, together
 from femu_piezo.inference.fit import closest
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import Step
-from femu_piezo.inference.unknowns import FreeConstants, Unknowns
+from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.study.effects import has_effects

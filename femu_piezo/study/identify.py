@@ -17,10 +17,11 @@ from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.errors import InputError
 from femu_piezo.files import as_json
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.identifiability import Identifiability, identifiability
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sensitivity import Sensitivity
-from femu_piezo.inference.unknowns import TANGENT, FreeConstants, Unknowns
+from femu_piezo.inference.unknowns import TANGENT, Unknowns
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Specimen

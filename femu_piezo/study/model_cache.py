@@ -21,7 +21,7 @@ from femu_piezo.effects.extended_model import ExtendedModel, Needs, extend_model
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.mesh_file import MeshFile
-from femu_piezo.inference.unknowns import FreeConstants
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.study.problem import Problem
 

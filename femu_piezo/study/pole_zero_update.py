@@ -12,10 +12,11 @@ from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.errors import InputError
 from femu_piezo.forward.fundamental import reduced_source
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.many_modes import LowEnd, ManyModes, MeasuredModes, update_many
 from femu_piezo.inference.starts.pole_zero import PoleZeroUpdate, Step, update_pair, update_simplified
-from femu_piezo.inference.unknowns import FreeConstants, Unknowns, material_prior
+from femu_piezo.inference.unknowns import Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import simplify
 from femu_piezo.study.measured import Measured

@@ -10,7 +10,7 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shape import Shape, is_poled_across_field, is_poled_along_field
-from femu_piezo.inference.unknowns import FreeConstants
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import simplify

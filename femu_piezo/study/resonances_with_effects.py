@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.matching import match
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sensitivity import Sensitivity
 from femu_piezo.inference.terminal_roots import terminal_roots
-from femu_piezo.inference.unknowns import FreeConstants, Unknowns
+from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.resonances import Kind, Resonance
 from femu_piezo.study.measured import Measured

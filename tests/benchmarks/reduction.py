@@ -21,7 +21,7 @@ from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry.catalogue import disk, ring
 from femu_piezo.geometry.shape import Shape
 from femu_piezo.geometry.shapes import Plate
-from femu_piezo.inference.unknowns import FreeConstants
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.material.constants import ElasticForm, PiezoConstants
 from femu_piezo.material.library import library_material, library_names
 from femu_piezo.study.shapes import first_mode_Hz

@@ -30,9 +30,10 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.fit import Fit, fit
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import update_pair
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.simplified import simplify
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum

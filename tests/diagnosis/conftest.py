@@ -15,8 +15,9 @@ from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.measurement.sweeps import SweepData
 from tests.materials import LOSSY
 

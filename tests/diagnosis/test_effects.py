@@ -20,8 +20,9 @@ from femu_piezo.effects.library.losses import partner
 from femu_piezo.errors import InputError
 from femu_piezo.forward.modal import diagonalise
 from femu_piezo.inference import response
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 
 OMEGA = 2 * np.pi * FREQUENCY

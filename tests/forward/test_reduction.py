@@ -14,7 +14,7 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import _predicted, _ratios, reduce_model
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry.shapes import Plate
-from femu_piezo.inference.unknowns import FreeConstants
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from tests.materials import FORWARD_LOSSY as LOSSY
 from tests.materials import PZT5H as PZT

@@ -14,9 +14,10 @@ from femu_piezo.inference import descent
 from femu_piezo.inference.descent import CLOSE, COARSE, RANKED
 from femu_piezo.inference.ensemble import Share, with_owner
 from femu_piezo.inference.fit import closest, fit, linear_fit, stepped
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.laws import log_slope
 from femu_piezo.inference.marginal import Columns, Marginal
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
+from femu_piezo.inference.unknowns import MaterialParameters, Unknowns
 from femu_piezo.inference.walls import TOLERANCE, Walls, further_rows
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.discrepancy import log_level_prior

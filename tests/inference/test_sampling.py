@@ -10,8 +10,9 @@ from laboratory import Response
 
 from femu_piezo.errors import InputError
 from femu_piezo.inference.fit import fit
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.sampling import _drawn, sample_posterior
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
+from femu_piezo.inference.unknowns import MaterialParameters, Unknowns
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.sweeps import SweepData
 from tests.noise import circular_noise

@@ -11,7 +11,8 @@ import pytest
 from laboratory import CONSTANTS, FREE, FREQUENCY, TOLERANCES, shifted
 
 from femu_piezo.inference.fit import fit
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.free_constants import FreeConstants
+from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 
 
 def column(unknowns: Unknowns, name: str) -> int:

@@ -14,6 +14,7 @@ from femu_piezo.forward.fundamental import full_source, reduced_source
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.fit import Fit, fit
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.identifiability import identifiability
 from femu_piezo.inference.matching import match
 from femu_piezo.inference.response import Evaluation
@@ -21,7 +22,7 @@ from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.starts.pole_zero import update_pair
 from femu_piezo.inference.starts.thin_body import k31_bar_admittance
 from femu_piezo.inference.terminal_roots import root_slopes, terminal_roots
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData

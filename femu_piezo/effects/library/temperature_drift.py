@@ -2,10 +2,10 @@
 
     s_ij → s_ij/w²,    w = 1 + p [t(ω) − t(ω0)],    t the time at which the sweep reached ω, over its whole time,
 
-so that p is the share by which resonances rise from the beginning of the sweep to its end. At the fundamental ω0 (at the
-end of the sweep that is nearest to it, where the sweep does not hold it) the constants keep their values in the first
-sweep of a specimen; in each further sweep they have another level, a parameter that adds to w. A body with compliances
-s/w² behaves as one with s, d w and ε at frequencies lower by the factor w:
+so that p is the share by which resonances rise from the beginning of the sweep to its end. At the fundamental ω0 (or
+the end of the sweep that is nearest to it) the constants keep their values in the first sweep of a specimen; in each
+further sweep they have another level, a parameter that adds to w. A body with compliances s/w² behaves as one with s,
+d w and ε at frequencies lower by the factor w:
 
     Z'(ω) = Z(ω/w; s, d w, ε)/w,    Z a cubic polynomial in d through values at Chebyshev nodes over the range of w.
 

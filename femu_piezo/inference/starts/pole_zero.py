@@ -14,7 +14,7 @@ import numpy as np
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.fundamental import PairSource, PoleZeroPair
-from femu_piezo.inference.unknowns import FreeConstants
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import Simplified, SimplifiedK31, SimplifiedK33
 
