@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -172,10 +173,11 @@ def _unread(specimen: Path) -> Described:
 
 
 def _measured(file: Path) -> Measured:
+    """Content, name and time of a sweep; of one that is missing the time at which it was looked for."""
     try:
         seconds = file.stat().st_mtime
     except OSError:
-        seconds = 0.0
+        seconds = time.time()
     return Measured(file_checksum(file), file.name, datetime.fromtimestamp(seconds, UTC).replace(tzinfo=None))
 
 

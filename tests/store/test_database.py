@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.store import database as module
 from femu_piezo.store import schema
 from femu_piezo.store.database import Database
+from femu_piezo.store.entry import _measured
 from femu_piezo.store.read import read_pieces
 from femu_piezo.store.write import write
 
@@ -262,3 +264,9 @@ def test_without_the_packages_one_sentence_says_what_to_install(tmp_path):
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=environment)
     assert done.returncode == 2
     assert re.fullmatch(r"femu-piezo: --store needs .*pip install 'femu-piezo\[store\]'\n", done.stderr)
+
+
+def test_a_sweep_that_is_missing_has_the_time_at_which_it_was_looked_for(tmp_path):
+    """Not that of 1970, which would stretch every chart over time."""
+    found = _measured(tmp_path / "absent.csv")
+    assert abs(datetime.now(UTC).replace(tzinfo=None) - found.time) < timedelta(minutes=1) and found.hash == "absent"
