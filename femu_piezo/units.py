@@ -190,9 +190,11 @@ def _factor(unit_text: str, value: object, unit: str, where: str, right: str) ->
     except pint.UndefinedUnitError:
         registry = _registry()
         unknown = [name for name in re.findall(r"[A-Za-zµΩ°%]+0?", plain) if name not in registry]
-        near = difflib.get_close_matches(unknown[0], _NAMES, 1, 0.3) if unknown else []
-        near += [name for name in _NAMES if unknown and name.lower() == unknown[0].lower()]
-        hint = f"did you mean {near[-1]!r}?" if near else right
+        names = [name for name in _NAMES if [plain] != unknown or _converted(name, unit) is not None]
+        near = [name for name in names if unknown and name.lower() == unknown[0].lower()]
+        close = difflib.get_close_matches(unknown[0], names, len(names), 0.3) if unknown else []
+        near = near or [name for name in names if name in close][:3]
+        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else right
         raise InputError(f"{where}: the unit of {shown(value)} is not known; {hint}") from None
     if factor is None:
         raise InputError(f"{where}: {shown(value)} has the wrong dimension; {right}")

@@ -1,11 +1,12 @@
-"""The free constants whatever the cause: their posterior averaged over all sets of causes (Bayesian model averaging).
+"""The free constants averaged over causes: their posterior over all sets of causes (Bayesian model averaging).
 
     p(θ | data) = Σ_h P(h | data) N(θ; x_h, C_h)
 
 over the sets h that were compared, each without and with a discrepancy (Hoeting et al., Stat. Sci. 14 (1999) 382). The
 standard deviation of the named set holds only if that set is the true one. The sum also counts the sets that the data
 hardly tell from the named one, and causes that a sweep cannot show and that stay as probable as a priori, such as a
-wrong length that s11 compensates. Causes outside the library do not count. The sum is not normal, so its intervals are
+wrong length that s11 compensates. Causes outside the library do not count. Where a cause of a small probability is
+present after all, a constant may lie outside of its interval. The sum is not normal, so its intervals are
 those of the distribution itself (Guide to the Expression of Uncertainty in Measurement, supplement 1, 7.7).
 """
 

@@ -28,8 +28,8 @@ class Estimate:
     ----------
     budget, tan_budget : source of uncertainty → its part of the standard deviation; the squares of all parts add up to
         the variance; empty where the parts are not known
-    interval, tan_interval : ends between which value and tangent are with a probability of 95 %, whatever the cause of
-        a misfit; None where no causes were compared
+    interval, tan_interval : ends between which value and tangent are with a probability of 95 %, averaged over causes
+        of a misfit by their probabilities; None where no causes were compared
     """
 
     value: float

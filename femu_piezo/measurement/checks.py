@@ -71,6 +71,8 @@ def order_points(
         repeated = frequency[first[count > 1]]
         extra = frequency.size - first.size
         told = f"{repeated.size} frequencies occur more than once, the first is {repeated[0]:.10g} Hz"
+        if repeated.size == 1:
+            told = f"the frequency {repeated[0]:.10g} Hz occurs {count.max()} times"
         if extra > frequency.size / 10:
             raise InputError(
                 f"{source}: {told}; export one sweep only, with enough digits of the frequency to tell its points apart"

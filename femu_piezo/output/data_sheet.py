@@ -15,7 +15,7 @@ from femu_piezo.output.curves import MEASURED, PRINTED, UPDATED, draw_impedance,
 from femu_piezo.output.picture import Picture, as_it_stands
 from femu_piezo.output.tables import deviation_percent, figure_words, source_words
 from femu_piezo.output.wording import sentence_case
-from femu_piezo.specimen.geometry import LENGTHS
+from femu_piezo.specimen.geometry import FEATURES, LENGTHS
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.results import Outcome, UpdateResult
 from femu_piezo.units import number
@@ -27,9 +27,9 @@ _DARK, _ACCENT = "#222222", "#c0392b"
 _TOP, _CURVES, _NOTES, _STEP, _SIZE, _HEAD = 0.905, 0.37, 0.145, 0.0145, 7.6, 3.3
 #: Figures of the modes after the fundamental that the sheet states.
 _OF_FURTHER_MODES = ("fs", "fp", "k_eff", "Qm_pole", "kt", "Nt", "c33", "c33D")
-#: Characters of a name, and of the title of a table, in letters of full size; characters of a line of notes, and the
-#: lines of notes that have room.
-_NAME, _TITLE, _WIDTH, _LINES = 48, 88, 130, 8
+#: Characters of a name and of the title of a table in letters of full size; characters of a line on the body and of one
+#: of notes, and the lines of notes that have room.
+_NAME, _TITLE, _BODY, _WIDTH, _LINES = 48, 88, 98, 130, 8
 
 
 def data_sheet(result: UpdateResult, index: int = 0) -> Figure:
@@ -37,8 +37,10 @@ def data_sheet(result: UpdateResult, index: int = 0) -> Figure:
     outcome, modes = result.outcomes[index], result.figures[index]
     page = Picture(figsize=_A4)
     name = as_it_stands(outcome.measured.problem.specimen.name)
-    page.text(0.07, 0.955, name, size=16 * _NAME / max(_NAME, len(name)), weight="bold", color=_DARK)
-    page.text(0.07, 0.938, _body_words(outcome), size=8, color="#555555")
+    body = textwrap.wrap(_body_words(outcome), _BODY)
+    above = 0.0125 * (len(body) - 1)
+    page.text(0.07, 0.955 + above, name, size=16 * _NAME / max(_NAME, len(name)), weight="bold", color=_DARK)
+    page.text(0.07, 0.936, "\n".join(body), size=8, color="#555555", va="bottom", linespacing=1.35)
     page.add_artist(_rule(page, 0.93))
     constants, figures = _constants(result), _figures(modes)
     step = min(_STEP, (_TOP - _CURVES) / (len(constants) + len(figures) + 2 * _HEAD))
@@ -70,11 +72,14 @@ def _body_words(outcome: Outcome) -> str:
     sizes = [
         f"{key.replace('_', ' ')} {1e3 * value:.5g} mm"
         for key, value in geometry
-        if isinstance(value, float) and key in LENGTHS
+        if isinstance(value, float) and key in (*LENGTHS, *FEATURES)
     ]
+    poling = geometry.poling
+    along = f"the {poling}" if isinstance(poling, str) else f"({', '.join(f'{part:.4g}' for part in poling)})"
     low, high = spectrum.frequency[[0, -1]]
     sweep = f"{len(spectrum)} points, {low / 1e3:.5g} to {high / 1e3:.5g} kHz"
-    return f"{geometry.shape}: {', '.join(sizes)}; density {problem.density:.5g} kg/m³; sweep of {sweep}"
+    body = f"{geometry.shape}: {', '.join(sizes)}; poled along {along}; density {problem.density:.5g} kg/m³"
+    return f"{body}; sweep of {sweep}"
 
 
 def _constants(result: UpdateResult) -> list[tuple[str, ...]]:
@@ -95,13 +100,16 @@ def _constants(result: UpdateResult) -> list[tuple[str, ...]]:
 
 
 def _figures(modes: Sequence[StandardFigures]) -> list[tuple[str, ...]]:
-    """Rows of all figures of the fundamental, and of those in `_OF_FURTHER_MODES` of the other modes."""
-    stated = [one for mode in modes[:1] for one in mode.figures]
-    stated += [one for mode in modes[1:] for one in mode.figures if one.name in _OF_FURTHER_MODES]
-    return [
-        (one.name, figure_words(one), figure_words(one, model=True), deviation_percent(one.deviation), one.meaning)
-        for one in stated
-    ]
+    """Rows of all figures of the fundamental; of each other mode a row with its title, and `_OF_FURTHER_MODES`."""
+    rows: list[tuple[str, ...]] = []
+    for place, mode in enumerate(modes):
+        rows += [(mode.title, "", "", "", "")] * (place > 0)
+        rows += [
+            (one.name, figure_words(one), figure_words(one, model=True), deviation_percent(one.deviation), one.meaning)
+            for one in mode.figures
+            if place == 0 or one.name in _OF_FURTHER_MODES
+        ]
+    return rows
 
 
 def _table(page: Figure, top: float, step: float, title: str, headings: Sequence[str], rows) -> None:
@@ -137,7 +145,8 @@ def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]
     """The notes and the errors of the formulas as far as there is room, then version and date of the page."""
     sentences = [*result.notes, *(one.formula_words for one in modes if one.formula_words)]
     sentences += [note for one in modes for note in one.notes]
-    sentences.insert(0, "± is one standard deviation; a constant is value (1 − j tan), time factor exp(jωt)")
+    alone = " (of figures by standard of noise alone)" * bool(modes)
+    sentences.insert(0, f"± is one standard deviation{alone}; a constant is value (1 − j tan), time factor exp(jωt)")
     lines, remaining = [], list(sentences)
     while remaining:
         sentence = f"{sentence_case(remaining[0])}.".replace(" %", "\N{NO-BREAK SPACE}%")

@@ -80,7 +80,7 @@ def _constant_table(result: Diagnosis) -> Table:
     for heading in ("constant", "unit"):
         table.add_column(heading)
     known = result.verdict.word != "unknown"  # otherwise the constants absorb what the model lacks
-    for heading in ("base model", "final model", *["95 %, whatever the cause"] * known):
+    for heading in ("base model", "final model", *["95 %, averaged over causes"] * known):
         table.add_column(heading, justify="right")
     before, after = result.before, result.after
     for name, old in before.items():

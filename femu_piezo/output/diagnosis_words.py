@@ -32,6 +32,8 @@ from femu_piezo.units import signed
 
 #: Shift of a constant, in standard deviations, above which it is reported.
 _MOVED = 3.0
+#: Errors of predictions over what noise causes of them up to which a model counts as right.
+_AS_EXPECTED = 1.3
 #: `Spread.wider` above which an interval is reported.
 _WIDER = 1.5
 #: Share of the swept band with a conspicuous misfit above which the misfit counts as spread over the whole sweep.
@@ -140,7 +142,7 @@ def _other_set(most: tuple[tuple[str, ...], bool] | None, named_causes: tuple[st
 
 def answer(result: Diagnosis) -> Answer:
     """The headline and the four groups of sentences of a diagnosis."""
-    elsewhere = whatever_the_cause(result) if result.verdict.word != "unknown" else ()
+    elsewhere = moved_by_others(result) if result.verdict.word != "unknown" else ()
     constants = (*_bias(result, bool(elsewhere)), *elsewhere)
     return Answer(_headline(result), _wrong(result), _sure(result), constants, _measures(result))
 
@@ -243,7 +245,12 @@ def _cause(cause: Cause) -> str:
 
 
 def _resonances(result: Diagnosis) -> list[str]:
-    """Sentences on measured and simulated resonances without partner in the final model."""
+    """Sentences on measured and simulated resonances without partner in the final model.
+
+    None where a cause is how the sweep was taken: resonances that bend or drift look like several, or like none.
+    """
+    if any(cause.effect.acquisition is not None for cause in result.verdict.causes):
+        return []
     final, found = result.pole_zero[1], []
     for kind, resonances, words in (
         ("measured", final.unexplained, "the simulation does not have"),
@@ -267,8 +274,8 @@ def _sure(result: Diagnosis) -> tuple[str, ...]:
     if verdict.extension:
         found.append(
             f"On data that the fit did not use ({unseen}), the rms error {_moves(gain)} from {before} to {after}, "
-            f"{gain['over_expected']:.3g} times the error that noise causes in predictions of a correct model; the "
-            f"noise is {floor}."
+            f"{gain['over_expected']:.3g} times the error that noise causes in predictions of a correct model"
+            f"{_grown(gain)}; the noise is {floor}."
         )
     else:
         found.append(f"On data that the fit did not use ({unseen}), the rms error is {before}; the noise is {floor}.")
@@ -281,6 +288,13 @@ def _sure(result: Diagnosis) -> tuple[str, ...]:
 
 def _moves(gain: dict[str, float]) -> str:
     return "falls" if gain["held_out_after"] < gain["held_out_before"] else "rises"
+
+
+def _grown(gain: dict[str, float]) -> str:
+    """Why the error of predictions rises where the model is right."""
+    if gain["held_out_after"] < gain["held_out_before"] or gain["over_expected"] > _AS_EXPECTED:
+        return ""
+    return ": with the cause more is unknown, and so less well predicted"
 
 
 def _certainty(probability: float) -> str:
@@ -318,7 +332,7 @@ def _bias(result: Diagnosis, elsewhere: bool) -> tuple[str, ...]:
         return ("The constants have an error of unknown size, since they were fitted to points that are in error.",)
     if not result.verdict.causes:
         if result.verdict.word == "none":
-            unless = ", unless there is a cause that this sweep cannot show" if elsewhere else ""
+            unless = ", unless there is a cause that this sweep cannot show" * bool(elsewhere or result.verdict.hidden)
             return (f"No bias was found: the updated constants hold within their standard deviations{unless}.",)
         if result.verdict.forms:
             forms = listed([with_article(spoken(form.effect)) for form in result.verdict.forms])
@@ -354,7 +368,7 @@ def _two_digits(size: float) -> str:
     return f"{size:.2g}" if size < 100 else f"{size:.0f}"
 
 
-def whatever_the_cause(result: Diagnosis) -> tuple[str, ...]:
+def moved_by_others(result: Diagnosis) -> tuple[str, ...]:
     """Sentences on constants whose deviation is too small if a cause acts that the sweep does not exclude."""
     by_cause: dict[str, list[Spread]] = {}
     for spread in spreads(result):
@@ -370,9 +384,9 @@ def whatever_the_cause(result: Diagnosis) -> tuple[str, ...]:
         each, them = ("each with", "them") if len(moved) > 1 else ("with", "it")
         times = _two_digits(moved[0].wider)
         found.append(
-            f"Whatever the cause, {listed(ends)}, {each} a probability of 95 %, up to {times} times as far from the "
-            f"fitted value as the standard deviation implies: {cause}, which this sweep does not exclude, would change "
-            f"{them}."
+            f"Averaged over all causes by their probability, {listed(ends)}, {each} a probability of 95 %, up to "
+            f"{times} times as far from the fitted value as the standard deviation implies: {cause}, which this sweep "
+            f"does not exclude, would change {them}."
         )
     return tuple(found)
 
@@ -380,7 +394,9 @@ def whatever_the_cause(result: Diagnosis) -> tuple[str, ...]:
 def _measures(result: Diagnosis) -> tuple[str, ...]:
     word = result.verdict.word
     if word == "none":
-        first = "Use the constants. The effects that this sweep cannot show are listed below."
+        first = "Use the constants."
+        if result.verdict.hidden:
+            first = "Use the constants if none of the effects is there that this sweep cannot show, listed below."
     elif word == "effect":
         these = "these causes" if len(result.verdict.causes) > 1 else "this cause"
         first = (

@@ -13,6 +13,8 @@ from femu_piezo.study.results import Outcome
 
 #: Constants whose sensitivity is below this share of the strongest are left out of the picture.
 _SEEN = 1e-3
+#: Root mean square of a residual over the noise above which it is told to be more than noise.
+_LOUD = 1.3
 
 
 def curve_charts(outcome: Outcome) -> list[Chart]:
@@ -84,11 +86,16 @@ def _residual_words(outcome: Outcome, residual: np.ndarray) -> str:
             f"and neighbouring points are correlated {'beyond that ' * bool(memory)}({neighbours:.2f}): this is not "
             "noise but an error of the model or of the instrument that is smooth in frequency"
         )
-    elif rms > 1.3:
-        verdict = "more than noise alone, without correlation of neighbouring points"
     else:
-        verdict = "compatible with noise alone"
+        verdict = uncorrelated_words(rms)
     return f"{origin}. Root mean square of this residual: {rms:.3g} σ, {verdict}."
+
+
+def uncorrelated_words(rms: float) -> str:
+    """What a residual of uncorrelated points is, by its root mean square over the noise."""
+    if rms > _LOUD:
+        return "more than noise alone, without correlation of neighbouring points"
+    return "compatible with noise alone"
 
 
 def sensitivity_chart(outcome: Outcome) -> Chart:

@@ -115,6 +115,8 @@ def _resonance_table(residuals: PoleZeroResiduals, caption: str, when: str) -> s
 
 def _without_partner(result: Diagnosis) -> list[str]:
     final, found = result.pole_zero[1], []
+    if any(cause.effect.acquisition is not None for cause in result.verdict.causes):
+        return found  # resonances that bend or drift look like several, or like none
     for resonances, words in (
         (final.unexplained, "measured, but not in the simulation"),
         (final.extra, "simulated, but not in the measurement"),
@@ -154,7 +156,7 @@ def _constants(result: Diagnosis) -> str:
         "± is one standard deviation, from the noise of this sweep and from the tolerances of dimensions, density, "
         "held constants and instrument together, provided that the model of the column is complete."
     )
-    headings = ("", "unit", "base model", "final model", "bias of the base model", "95 %, whatever the cause")
+    headings = ("", "unit", "base model", "final model", "bias of the base model", "95 %, averaged over causes")
     known = result.verdict.word != "unknown"  # otherwise the constants absorb what the model lacks
     if known:
         words += (

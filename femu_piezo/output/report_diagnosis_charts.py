@@ -7,6 +7,7 @@ import numpy as np
 from femu_piezo.output.chart import Axis, Band, Chart, Series
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
 from femu_piezo.output.impedance_charts import Curve, impedance_charts, view
+from femu_piezo.output.report_curves import uncorrelated_words
 from femu_piezo.output.wording import names_of, sentence_case
 from femu_piezo.study.diagnose import Diagnosis
 
@@ -50,12 +51,10 @@ def residual_charts(result: Diagnosis) -> list[Chart]:
     for index, curve in enumerate(models(result)):
         error = np.log(curve.impedance / result.spectrum.impedance) / sigma
         remaining = (result.verdict.before, result.verdict.after)[index]
-        judged = (
-            "beyond noise, in size or in correlation of neighbouring points"
-            if remaining.structured
-            else "compatible with noise alone"
-        )
         rms = float(np.sqrt(np.mean(np.abs(error) ** 2) / 2))
+        judged = uncorrelated_words(rms)
+        if remaining.structured:
+            judged = "beyond noise, in size or in correlation of neighbouring points"
         charts.append(
             Chart(
                 axis,

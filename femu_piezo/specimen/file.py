@@ -481,12 +481,11 @@ class Specimen(Table):
         if self.measurement is not None and self.measurement.file is not None:
             return "measurement.file and [[sweep]] both name sweeps; give every sweep a [[sweep]] table of its own"
         labels = [one.label for one in sweeps]
-        double = next((label for label in labels if labels.count(label) > 1 or not label.isprintable()), None)
-        if double is not None:
-            return (
-                f"two sweeps are called {shown(double)}, or that is not one line: a sweep is called as its file unless "
-                "it has a name; write [[sweep]] tables, each with file and a name of its own"
-            )
+        unnamed = "unless named it is called as its file; write [[sweep]] tables, each with file and a name of its own"
+        if (double := next((label for label in labels if labels.count(label) > 1), None)) is not None:
+            return f"two sweeps are called {shown(double)}: {unnamed}"
+        if (strange := next((label for label in labels if not label.isprintable()), None)) is not None:
+            return f"the name {shown(strange)} of a sweep is not one line: {unnamed}"
         for key in ("drive_voltage", "temperature", "fixture"):
             given = [one for one in sweeps if getattr(one, key) is not None]
             if 0 < len(given) < len(sweeps):

@@ -41,23 +41,38 @@ def contradicted(found: Fit) -> list[str]:
     for one in _strained(found):
         kind = "sweeps" if one.effect.name == REPEATABILITY else _KINDS.get(source_of(one.effect))
         if kind is not None:
-            told[kind].append(f"{_label(one, found.data.frequency)} {_size(one)}")
+            told[kind].append(f"{_label(one.effect, one.number, found.data.frequency)} {_size(one)}")
     return [_SENTENCES[kind].format(strained=", ".join(several)) for kind, several in told.items() if several]
 
 
-def _label(one: _Strained, frequency: np.ndarray) -> str:
-    """A tolerance in words: "width", "stray capacitance", "phase near 10000 Hz", "sweep 2", and whose it is.
+def at_limits(found: Fit) -> list[str]:
+    """A note on the unknowns that ended at a limit of their range."""
+    constants = [name for name in found.on_bound if name in found.parameters.material.names]
+    others = [
+        _label(effect, number, found.data.frequency)
+        for effect in found.parameters.effects
+        for number, parameter in enumerate(effect.parameters)
+        if f"{effect.key}.{parameter.name}" in found.on_bound
+    ]
+    ended = [*constants, *others]
+    return [f"{', '.join(ended)} reached a limit of the range that the fit allows"] if ended else []
+
+
+def _label(effect: Effect, number: int, frequency: np.ndarray) -> str:
+    """A parameter in words: "width", "stray capacitance", "held s12", "phase near 10000 Hz", "sweep 2", and whose.
 
     frequency : (k,) of the sweeps, Hz: errors of the instrument that are centred beyond are told at their end
     """
-    effect, name = one.effect, one.effect.parameters[one.number].name.replace("_", " ")
+    name = effect.parameters[number].name.replace("_", " ")
     words = effect.name.removeprefix("wrong_").replace("_", " ")
-    if effect.name == REPEATABILITY:
+    if isinstance(effect.constants, ConstantFactor):
+        words = f"held {D_FORM[effect.constants.index]}" if number == 0 else f"held {name.replace(' ', '_')}"
+    elif effect.name == REPEATABILITY:
         words = name
     elif effect.name == INSTRUMENT:
         kind, at = name.split()
         words = f"{kind} near {hertz(float(np.clip(float(at), frequency.min(), frequency.max())))} Hz"
-    elif one.number:
+    elif number:
         words += f", {name}"
     return f"{words} of {effect.owner}" if effect.owner else words
 

@@ -211,7 +211,7 @@ class Diagnosis:
 
     @made_once
     def after(self) -> dict[str, Estimate]:
-        """Free constants of the final model with standard deviations and budgets, and intervals whatever the cause."""
+        """Free constants of the final model with deviations and budgets, and their intervals averaged over causes."""
         found, intervals = constants_of(self.comparison.final), self.comparison.averaged.interval(LEVEL)
         pairs = intervals.reshape(-1, 2, 2).tolist()
         return {

@@ -145,11 +145,13 @@ def _figures(
     read = read_curve(extraction.model.admittance, points, pair.pole, pair.zero, piece, overtone, noise)
     band = _BEYOND * float(model.frequency[-1])
     resonances = model.resonances("pole", band), model.resonances("zero", band)
-    computed = _figures_near(pair, piece, model.admittance, (model.frequency, model.impedance), *resonances)
+    by_overtone = overtone is not None  # the same formulas of every curve, also where its resonances reach further
+    curve = model.frequency, model.impedance
+    computed = _figures_near(pair, piece, model.admittance, curve, *resonances, by_overtone)
     alone = None
     if body is not None:
         curve = model.frequency, body.impedance(2 * np.pi * model.frequency)
-        alone = _figures_near(pair, piece, body.admittance, curve, *visible_resonances(body, band))
+        alone = _figures_near(pair, piece, body.admittance, curve, *visible_resonances(body, band), by_overtone)
     found = standard_figures(piece, read, pair.pole, pair.zero, computed, constants, alone)
     return found.with_coupling_std(pair.std_k_eff)
 
@@ -161,12 +163,17 @@ def _figures_near(
     points: tuple[np.ndarray, np.ndarray],
     poles: Sequence[Resonance],
     zeros: Sequence[Resonance],
+    by_overtone: bool,
 ) -> CurveFigures | None:
-    """The figures of the mode of a computed curve nearest to a measured pair; None where the curve does not hold it."""
+    """The figures of the mode of a computed curve nearest to a measured pair; None where the curve does not hold it.
+
+    by_overtone : whether the Poisson ratio of a disk follows from its second radial mode
+    """
     if not poles or not zeros:
         return None
     pole, zero = _nearest(poles, pair.pole), _nearest(zeros, pair.zero)
-    return read_curve(admittance, points, pole, zero, piece, _second_radial(pole, poles))
+    overtone = _second_radial(pole, poles) if by_overtone else None
+    return read_curve(admittance, points, pole, zero, piece, overtone)
 
 
 def _nearest(several: Sequence[Resonance], one: Resonance) -> Resonance:

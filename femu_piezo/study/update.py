@@ -32,7 +32,7 @@ from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.specimen.file import Specimen, Update
 from femu_piezo.study.beginning import begin
-from femu_piezo.study.contradicted import contradicted, of_another_material
+from femu_piezo.study.contradicted import at_limits, contradicted, of_another_material
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import (
     Measured,
@@ -235,7 +235,7 @@ def _low_end_note(measured: Sequence[Measured]) -> tuple[str, ...]:
         return ()
     plate, eps = read[0].problem.plate, abs(read[0].permittivity)
     picofarad = 1e12 * eps * plate.electrode_area / plate.electrode_gap
-    share = float(f"{100 / picofarad:.1g}")
+    share = float(f"{100 / picofarad:.2g}")
     return (
         f"ε33T is found from the capacitance at the low end of a sweep along the poling, {picofarad:.2g} pF, of which "
         f"1 pF of stray capacitance is {share:g} %: take ε33T from a k31 plate of the lot, by "
@@ -383,9 +383,7 @@ def _size_words(curve: np.ndarray, data: np.ndarray, discrepancy: Discrepancy) -
 
 
 def _fit_notes(found: Fit) -> list[str]:
-    notes = contradictions(found)
-    if found.on_bound:
-        notes.append(f"{', '.join(found.on_bound)} reached a limit of the range that the fit allows")
+    notes = contradictions(found) + at_limits(found)
     sizes = zip(found.parameters.effects, found.parameters.values(found.x), found.std_of_effects, strict=True)
     for effect, values, std in sizes:
         if effect.freed:

@@ -85,7 +85,7 @@ def constant_rows(parameters: dict) -> list[tuple[str, str, str, str, str]]:
 
 
 def interval_rows(parameters: dict) -> list[tuple[str, str]]:
-    """Intervals of 95 % of value and loss tangent, whatever the cause; "" where the results lack them."""
+    """Intervals of 95 % of value and loss tangent, averaged over causes; "" where the results lack them."""
     rows = []
     for name, one in parameters.items():
         value, tangent = one.get("interval"), one.get("tan_interval")

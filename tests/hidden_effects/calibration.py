@@ -240,7 +240,7 @@ def report(found: Calibration) -> str:
         ("constants, draws judged rightly", found.constants),
         ("constants, draws that show what is hidden", found.shown_constants),
         ("constants, all draws", found.all_constants),
-        ("constants whatever the cause, all draws", found.averaged_constants),
+        ("constants averaged over causes, all draws", found.averaged_constants),
         ("sizes of causes named rightly", found.sizes),
     ):
         lines += _transform_lines(words, one)
@@ -306,7 +306,7 @@ def transform_figure(found: Calibration) -> Figure:
     parts = (
         ("constants, draws judged rightly", found.constants, _NORMAL),
         (
-            "constants whatever the cause, all draws",
+            "constants averaged over causes, all draws",
             found.averaged_constants,
             "u = share of the average above the truth",
         ),

@@ -26,7 +26,7 @@ from femu_piezo.material.constants import EPS0
 from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.output.diagnosis import diagnosis_record
 from femu_piezo.output.diagnosis_tables import fitted_sizes
-from femu_piezo.output.diagnosis_words import _best_candidate, _form, _likely, whatever_the_cause
+from femu_piezo.output.diagnosis_words import _best_candidate, _form, _likely, moved_by_others
 from femu_piezo.output.folder import prepare_folder, write_json
 from femu_piezo.output.report_diagnosis import _candidates, write_diagnosis_report
 from femu_piezo.output.tables import interval_text
@@ -175,7 +175,7 @@ def test_effect_is_reported_in_words_and_figures(effect):
     away = [(end - s11["value"]) / s11["std"] for end in s11["interval"]]
     assert away[0] < -1.9 and away[1] > 1.9  # the density, for example, cannot be told from s11
     text = (effect.folder / "out/report.html").read_text(encoding="utf-8")
-    assert "95 %, whatever the cause" in text and interval_text(*(1e12 * end for end in s11["interval"])) in text
+    assert "95 %, averaged over causes" in text and interval_text(*(1e12 * end for end in s11["interval"])) in text
 
 
 def _known(averaged: Averaged) -> SimpleNamespace:
@@ -195,12 +195,12 @@ def test_constants_that_another_cause_would_change_are_named():
     mean, std = np.array([[1.6e-11, 0.02, 3e-8, 0.02]] * 2), np.array([[1e-13, 1e-4, 1e-10, 1e-4]] * 2)
     mean[1, 2] = 2.5e-8
     averaged = Averaged(((), ("cable",)), (False, False), np.array([0.9, 0.1]), mean, std)
-    (sentence,) = whatever_the_cause(_known(averaged))
+    (sentence,) = moved_by_others(_known(averaged))
     low, high = averaged.interval(0.95)[2] / EPS0
     assert low == pytest.approx(2.5e-8 / EPS0, rel=0.02) and high > 3e-8 / EPS0
     assert f"eps33T lies within {low:.0f} to {high:.0f} ε₀, with a probability of 95 %" in sentence
     assert ": cable, which this sweep does not exclude, would change it" in sentence
-    assert whatever_the_cause(_known(replace(averaged, weights=np.array([1.0, 0.0])))) == ()
+    assert moved_by_others(_known(replace(averaged, weights=np.array([1.0, 0.0])))) == ()
 
 
 def test_constants_that_another_law_of_the_named_cause_would_change():
@@ -210,7 +210,7 @@ def test_constants_that_another_law_of_the_named_cause_would_change():
     laws = (("frequency_dependent_elastic_loss/causal",), ("frequency_dependent_elastic_loss",))
     result = _known(Averaged(laws, (False, False), np.array([0.6, 0.4]), mean, std))
     result.comparison.final.parameters.causes = (SimpleNamespace(key=laws[0][0]),)
-    (sentence,) = whatever_the_cause(result)
+    (sentence,) = moved_by_others(result)
     assert ": another law of frequency dependent elastic loss, which this sweep does not exclude" in sentence
 
 
@@ -218,6 +218,9 @@ def test_none_is_reported_in_words_and_figures(none):
     assert none.record["verdict"] == "none" and none.record["causes"] == []
     assert "explains this sweep within the noise" in none.first
     assert "No bias was found" in none.first and "Use the constants" in none.first
+    seen = none.record["not_visible"]
+    assert "unless there is a cause that this sweep cannot show" in none.first
+    assert seen and "if none of the effects is there that this sweep cannot show" in none.first
     assert f"the rms error is {100 * none.record['gain']['held_out_before']:.3g} %" in none.first
     candidates = [
         one for one in none.record["candidates"] if one["effect"] != "uneven_body"
@@ -238,8 +241,8 @@ def test_unknown_is_reported_in_words_and_figures(unknown):
             f"{share:.3g} % of the misfit remains" in unknown.first
             and "may explain a part of the misfit" in unknown.first
         )
-    assert "Do not rely on the constants" in unknown.first and "Whatever the cause" not in unknown.first
-    assert "whatever the cause" not in (unknown.folder / "out/report.html").read_text(encoding="utf-8")
+    assert "Do not rely on the constants" in unknown.first and "Averaged over all causes" not in unknown.first
+    assert "averaged over causes" not in (unknown.folder / "out/report.html").read_text(encoding="utf-8")
     left = unknown.record["remaining"]["after"]
     low, high = left["worst_Hz"][0]
     assert low < 105e3 and high > 95e3

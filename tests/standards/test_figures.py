@@ -336,6 +336,22 @@ def test_a_width_that_is_off_is_no_error_of_a_formula(tmp_path):
     assert width > 0.005 and abs(figure.formula_error) < 1e-4 < abs(figure.deviation)
 
 
+def test_errors_of_formulas_are_those_of_the_formulas_used(tmp_path):
+    """A disk, its sweep up to below its second radial mode: the Poisson ratio is that of the material, and no error of
+    a reading from two modes is told.
+    """
+    text = PLATE.format(width="").replace('"plate"', '"disk"').replace('poling = "thickness"\n', "")
+    text = text.replace('length = "24 mm"\nwidth = ""\n', 'diameter = "25 mm"\n')
+    (tmp_path / "disk.toml").write_text(text + 'free = ["s11", "d31", "eps33T"]\n', encoding="utf-8")
+    specimen, errors = fp.read_specimen(tmp_path / "disk.toml"), []
+    for stop in (130e3, 250e3):
+        wish = Simulation(start=2e3, stop=stop, points=801, noise=1e-4)
+        sweep = fp.simulate(specimen.model_copy(update={"simulation": wish})).spectrum
+        ((mode, *_),) = fp.update(specimen, sweep).figures
+        errors.append(mode["poisson"].formula_error)
+    assert abs(errors[0] or 0.0) < 1e-9 < 1e-4 < abs(errors[1])
+
+
 def test_the_simulated_figures_are_those_of_the_order_of_the_file(plates, monkeypatch):
     """[simulation] order = 3 holds for the sweep that is simulated beside a measured one."""
     folder, _ = plates[3]

@@ -35,7 +35,7 @@ class Diagnosed(Result, Diagnosis):
 
     @property
     def parameters(self) -> dict[str, Estimate]:
-        """Free constants of the final model, with the named causes; `.interval` holds 95 % whatever the cause."""
+        """Free constants of the final model, with the named causes; `.interval` holds 95 %, averaged over causes."""
         return self.after
 
     @property

@@ -78,7 +78,7 @@ class _Diagnosis:
             headings = ("constant", "unit", "after", "loss tangent", "± mostly from")
             rows = results.constant_rows(found["parameters"]["after"])
             if found["verdict"] != "unknown":  # otherwise the constants absorb what the model lacks
-                headings += ("95 %, whatever the cause", "tangent")
+                headings += ("95 %, averaged over causes", "tangent")
                 ends = results.interval_rows(found["parameters"]["after"])
                 rows = [(*row, *interval) for row, interval in zip(rows, ends, strict=True)]
             table(headings, rows, "constants with the causes in the model")
