@@ -31,6 +31,7 @@ class SweepData:
     sizes : number of points of each sweep; empty for a single sweep
     model_share : (k,) share of the variance that is error of the reduced basis; none where empty
     mesh_error : (k,) relative error of eigenvalues that the mesh may have at each frequency; none where empty
+    mesh_capacitance : (k,) error of the capacitance of the body that the mesh may have, F; none where empty
     noise_memory : autoregression of the noise of each sweep; white noise where empty
     """
 
@@ -41,6 +42,7 @@ class SweepData:
     sizes: tuple[int, ...] = ()
     model_share: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
     mesh_error: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+    mesh_capacitance: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
     noise_memory: tuple[Autoregression, ...] = ()
 
     @made_once
@@ -109,17 +111,25 @@ class SweepData:
             sizes=sizes,
             model_share=self.model_share[kept] if self.model_share.size else self.model_share,
             mesh_error=self.mesh_error[kept] if self.mesh_error.size else self.mesh_error,
+            mesh_capacitance=self.mesh_capacitance[kept] if self.mesh_capacitance.size else self.mesh_capacitance,
         )
 
     def mesh_misses(self, log_slope: np.ndarray) -> np.ndarray:
-        """(2k, m) whitened errors of log Z, one standard deviation each, that the mesh may make in each band by itself.
+        """(2k, m) whitened errors of log Z, one standard deviation each, that the mesh may make.
 
-        A relative error ε of eigenvalues shifts the curve along frequency: ½ ε ∂log Z/∂log f, log_slope (k,) complex.
+        In each band by itself a relative error ε of eigenvalues shifts the curve along frequency: ½ ε ∂log Z/∂log f,
+        log_slope (k,) complex; in each sweep an error δC of the capacitance is −jω Z δC.
         """
-        bands = self.bands() if self.mesh_error.size else []
-        found = np.zeros((self.impedance.size, len(bands)), dtype=complex)
-        for number, band in enumerate(bands):
-            found[band, number] = (0.5 * self.mesh_error * log_slope)[band]
+        errors = []
+        if self.mesh_error.size:
+            shifted = 0.5 * self.mesh_error * log_slope
+            errors += [(band, shifted[band]) for band in self.bands()]
+        if self.mesh_capacitance.size:
+            charged = -2j * np.pi * self.frequency * self.impedance * self.mesh_capacitance
+            errors += [(sweep, charged[sweep]) for sweep in self.sweeps]
+        found = np.zeros((self.impedance.size, len(errors)), dtype=complex)
+        for number, (points, error) in enumerate(errors):
+            found[points, number] = error
         return stacked(self.over_noise(found))
 
     def whitened(self, impedance: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -242,6 +242,12 @@ class Posterior:
                     for one, model in zip(several, self.models, strict=True)
                 ]
             ),
+            mesh_capacitance=np.concatenate(
+                [
+                    np.full(len(one.measured.fitted), 0.0 if model.mesh_error is None else model.mesh_error.capacitance)
+                    for one, model in zip(several, self.models, strict=True)
+                ]
+            ),
             noise_memory=tuple(one.noise_memory for one in several),
         )
 
