@@ -121,6 +121,17 @@ def _prepare(out: Path) -> None:
     prepare_folder(out)
 
 
+def _save(result: Result, out: Path, **options: bool) -> None:
+    """Save a result, and tell what an earlier run of the command has left beside it."""
+    from femu_piezo.output.folder import older_files
+
+    began = time.time()
+    result.save(out, **options)
+    if older := older_files(out, result.files, began):
+        words = "belongs to" if len(older) == 1 else "belong to"
+        click.echo(f"note: {', '.join(older)} in {out} {words} an earlier run", err=True)
+
+
 def _check_lot(store: str | None, lot: str | None) -> None:
     """Refuse a lot that nothing would be kept in."""
     if lot is not None and store is None:
@@ -178,7 +189,7 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
     wanted = read_specimen(specimen)
     _prepare(out)
     result = run(wanted, full_order=full_order)
-    result.save(out)
+    _save(result, out)
     _show(result)
     click.echo(f"{len(result.spectrum)} points, {result.unknowns} unknowns → {out / 'impedance.csv'}")
 
@@ -238,7 +249,7 @@ def extract(
     )
     _prepare(out)
     result = run(spectrum, method=method.replace("-", "_"))
-    result.save(out)
+    _save(result, out)
     _show(result)
 
 
@@ -269,7 +280,7 @@ def circuit(
         columns=_names(columns),
     )
     _prepare(out)
-    result.save(out)
+    _save(result, out)
     _show(result)
 
 
@@ -333,7 +344,7 @@ def update(
         result = run(wanted, samples=sample or 0, progress=progress)
     drawing = time.perf_counter()
     imported = drawing - _STARTED - sum(result.seconds.values())
-    result.save(out, report=report)
+    _save(result, out, report=report)
     _show(result)
     keep(wanted, result)
     if timings:
@@ -454,7 +465,7 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float | None, study:
     _prepare(out)
     with _steps_shown() as progress:
         result = run(wanted, noise, study=study or 0, plan=plan or 0, progress=progress)
-    result.save(out)
+    _save(result, out)
     _show(result)
 
 
@@ -497,7 +508,7 @@ def diagnose(
     keep = _keeper(store, out, lot)
     with _steps_shown() as progress:
         result = run(wanted, progress=progress)
-    result.save(out, report=report)
+    _save(result, out, report=report)
     _show(result)
     keep(wanted, result)
 
@@ -599,7 +610,7 @@ def modes(
     wanted = read_specimen(specimen)
     _prepare(out)
     result = run(wanted, band=band, count=count)
-    result.save(out, animate=animate, scene=scene, vtu=vtu, mesh=mesh)
+    _save(result, out, animate=animate, scene=scene, vtu=vtu, mesh=mesh)
     _show(result)
     click.echo(f"{len(result.modes)} modes, {result.model.size} unknowns → {out / 'modes.png'}")
 

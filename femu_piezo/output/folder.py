@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _made: list[Path] = []
+#: Difference of the clocks of a file system and of the machine that is allowed for, s.
+_CLOCK = 2.0
 
 
 def prepare_folder(folder: Path | str) -> Path:
@@ -29,6 +32,20 @@ def prepare_folder(folder: Path | str) -> Path:
     if not os.access(out, os.W_OK):
         raise InputError(f"{out}: the folder cannot be written to; choose another folder")
     return out
+
+
+def older_files(folder: Path, names: Iterable[str], began: float) -> list[str]:
+    """Files of a result folder that a run did not write, but an earlier one may have, in natural order.
+
+    Parameters
+    ----------
+    names : what the command may write; "impedance.png" stands for impedance_2.png as well
+    began : when the run began to write, s since 1970
+    """
+    stems = (re.escape(name).replace(r"\.", r"(_\d+)?\.", 1) for name in names)
+    ours = re.compile("|".join(stems))
+    found = [path for path in folder.iterdir() if ours.fullmatch(path.name)]
+    return sorted(path.name for path in found if path.stat().st_mtime < began - _CLOCK)
 
 
 def remove_empty_folders() -> None:

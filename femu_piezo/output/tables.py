@@ -303,7 +303,7 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
     lines += [f"measure {item.measurement}: determines {', '.join(item.gained)}" for item in useful]
     if result.recommendations and not useful:
         lines.append("no further sweep of another body that was tried would determine another constant")
-    lines += [*result.advice, *_study_lines(result.study)]
+    lines += [*result.advice, *(f"note: {note}" for note in result.notes), *_study_lines(result.study)]
     parts = [table, text_of(lines), *expectation_tables(result.expected)]
     return Group(*parts) if result.plan is None else Group(*parts, _plan_table(result.plan, result.expected))
 

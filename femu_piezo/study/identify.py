@@ -70,6 +70,7 @@ class IdentifyResult:
     expected : the free constants as an update would state them, and what every tolerance adds
     study : updates of drawn specimens, for each noise and number of points; the second is for the sweep as planned
     plan : where to measure, if asked for
+    notes : what was assumed, in sentences
     """
 
     names: tuple[str, ...]
@@ -80,6 +81,7 @@ class IdentifyResult:
     expected: Expectation
     study: tuple[Setting, ...] = ()
     plan: Plan | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -117,6 +119,7 @@ class IdentifyResult:
                 for item in self.recommendations
             ],
             "advice": list(self.advice),
+            "notes": list(self.notes),
             **self.expected.to_json(),
             **({"study": [one.to_json() for one in self.study]} if self.study else {}),
             **({} if self.plan is None else {"plan": self.plan.to_json()}),
@@ -162,7 +165,8 @@ def identify(
     if study and study < FEWEST_DRAWS:
         raise InputError(f"study = {study} gives no statistics; give {FEWEST_DRAWS} specimens or more, or 0 for none")
     progress = progress or (lambda step: None)
-    problems = [_lossy(prepare(specimen, check=False)) for specimen in specimens]
+    given = [prepare(specimen, check=False) for specimen in specimens]
+    problems = [_lossy(problem) for problem in given]
     first = problems[0]
     sweeps = [sweep_frequencies(problem) for problem in problems]
     bands = [(float(sweep[0]), float(sweep[-1])) for sweep in sweeps]
@@ -197,7 +201,8 @@ def identify(
     recommendations.sort(key=lambda item: (-len(item.gained), sum(np.log(list(item.std.values())))))
     names = tuple(problem.specimen.name for problem in problems)
     settings = noise_study(subjects, evaluations, noise, study, progress=progress) if study else ()
-    return IdentifyResult(names, noise, known, tuple(pictures), tuple(recommendations), expected, settings, where)
+    found = (tuple(pictures), tuple(recommendations), expected, settings, where, _assumed(given[0]))
+    return IdentifyResult(names, noise, known, *found)
 
 
 def _lossy(problem: Problem) -> Problem:
@@ -211,6 +216,18 @@ def _lossy(problem: Problem) -> Problem:
     if constants.physical_faults():
         constants = problem.constants.check(f"{problem.specimen.path or problem.specimen.name}: material")
     return replace(problem, constants=constants)
+
+
+def _assumed(given: Problem) -> tuple[str, ...]:
+    """A note on the free constants for which a usual loss tangent is taken."""
+    free = given.free(given.constants)
+    lossless = [name for name, value in zip(free.names, free.start, strict=True) if value.imag == 0]
+    if not lossless:
+        return ()
+    return (
+        f"the file states no loss tangent of {', '.join(lossless)}: {TANGENT:g} is assumed, and the deviations depend "
+        f"on it; give tan_{lossless[0]} where it is known",
+    )
 
 
 def _stated_noise(specimens: Sequence[Specimen]) -> float:

@@ -56,6 +56,15 @@ def test_the_fundamental_of_a_k31_plate_tells_three_constants(record):
             assert item["relative_std"] >= 0.999 * item["relative_std_if_all_else_known"]
 
 
+def test_assumed_loss_tangents_are_told(record, tmp_path):
+    """d31 has none in the file; where the file states all, nothing is told."""
+    (note,) = record["notes"]
+    assert note.startswith("the file states no loss tangent of d31: 0.02 is assumed")
+    body = BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz")
+    (tmp_path / "k31.toml").write_text(body.replace("[simulation]", "tan_d31 = 0.01\n[simulation]"), encoding="utf-8")
+    assert fp.identify(tmp_path / "k31.toml", 1e-3, recommend=False).notes == ()
+
+
 def test_a_k33_bar_is_recommended_for_s33_and_d33(record):
     bars = [item for item in record["recommendations"] if "k33 bar" in item["measurement"]]
     assert len(bars) == 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.files import write_atomically
@@ -27,6 +27,8 @@ class Diagnosed(Result, Diagnosis):
     `str(result.verdict)` is "none", "effect" or "unknown", and so compares equal to it. With several sweeps
     `result.of(1)` shows the second.
     """
+
+    files: ClassVar[tuple[str, ...]] = ("diagnosis.png", "curves.csv", "report.html", "extended.toml", "measured.csv")
 
     @property
     def causes(self) -> tuple[Cause, ...]:

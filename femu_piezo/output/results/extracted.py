@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from femu_piezo.extraction import Extraction
 from femu_piezo.output.folder import prepare_folder, write_figure, write_json
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 class Extracted(Result, Extraction):
     """What `extract` returns: `resonances` and `pairs` of a sweep, found without any model."""
+
+    files: ClassVar[tuple[str, ...]] = ("prony_ss.png",)
 
     def table(self) -> RenderableType:
         """Poles and zeros with standard deviations."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.console import Group
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, repr=False)
 class Figures(Result):
     """What `standard_figures` returns: `modes`, the fundamental first; `figures["k31"].value` is one of its figures."""
+
+    files: ClassVar[tuple[str, ...]] = ("figures.png",)
 
     modes: tuple[StandardFigures, ...]
 

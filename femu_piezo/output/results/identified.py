@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from femu_piezo.output.folder import prepare_folder, write_figure, write_json
 from femu_piezo.output.plan_files import write_plan
@@ -22,6 +22,14 @@ class Identified(Result, IdentifyResult):
     `expected.parameters` are the free constants as an update would state them, `expected.improvements` the tolerances,
     of which the first is the one to improve.
     """
+
+    files: ClassVar[tuple[str, ...]] = (
+        "sensitivity.png",
+        "study.png",
+        "plan.csv",
+        "plan_segments.csv",
+        "plan_e4990a.scpi",
+    )
 
     _index = "constant"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 class Modes(Result, ModesResult):
     """What `modes` returns: the driven `modes`, each with pole, zero, k_eff and what the body does."""
+
+    files: ClassVar[tuple[str, ...]] = ("mode.png", "mode.gif", "mode.vtu", "modes.html", "mesh.msh", "mesh.inp")
 
     def table(self) -> RenderableType:
         """Pole, zero and k_eff of every mode."""

@@ -22,6 +22,8 @@ class Result(ABC):
     """Base class of the results; most classes here derive from it and from a result of `femu_piezo.study`."""
 
     _index: ClassVar[str | None] = None  # the column that names the rows
+    #: Files that `save` does not write each time; one stands for those with numbers, impedance.png for impedance_2.png.
+    files: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def of_study(cls, result: Any) -> Self:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from femu_piezo.files import write_atomically
 from femu_piezo.measurement.readers import write_spectrum
@@ -20,6 +20,18 @@ if TYPE_CHECKING:
 
 class Updated(Result, UpdateResult):
     """What `update` returns: `parameters["s11"].value`, `.std`, `.tan`, `.tan_std`, `.budget`; `outcomes`."""
+
+    files: ClassVar[tuple[str, ...]] = (
+        "impedance.png",
+        "iterations.png",
+        "updated.csv",
+        "sensitivity.png",
+        "budget.png",
+        "corner.png",
+        "samples.csv",
+        "temperature.png",
+        "report.html",
+    )
 
     _index = "constant"
 
