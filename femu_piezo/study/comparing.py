@@ -24,6 +24,8 @@ def compare_causes(
     then starts from a coarse fit, and where even that has no start, at the constants of the file.
     """
     library = tuple(effect for effect in shared_library(several) if effect.is_candidate)
+    posterior = Posterior(several, clock, bases, library)
+    posterior.mesh()
     clock.step("start")
     start = several[0].problem.fitted
     try:
@@ -31,7 +33,6 @@ def compare_causes(
     except ConvergenceError:
         if start.physical_faults(passive=False):
             raise
-    posterior = Posterior(several, clock, bases, library)
     base = posterior.base(start, settled=False)
     clock.step("compare")
     return posterior, compare_from(

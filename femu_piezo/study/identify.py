@@ -16,6 +16,7 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.errors import InputError
 from femu_piezo.files import as_json
+from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.identifiability import Identifiability, identifiability
@@ -37,6 +38,8 @@ from femu_piezo.threads import with_blas_limit
 
 #: Eigenvalue error of the mesh: sensitivities need not be better.
 _ACCURACY = 1e-3
+#: Unknowns of the model of a further measurement from which it is not compared: it would take minutes and gigabytes.
+_MOST_UNKNOWNS = 50_000
 #: Relative noise of a point where no file states it.
 _NOISE = 1e-3
 #: Points of a candidate sweep.
@@ -176,7 +179,8 @@ def identify(
         progress(problem.specimen.name)
         own = [one for one in subjects if one.problem is problem]
         served = {effect.key: effect for one in own for effect in effects_served(one, tolerances_of(subjects))}
-        evaluation = _evaluation(problem, first, frequency, tuple(served.values()))
+        model = problem.model(float(frequency[-1]), _ACCURACY)
+        evaluation = _evaluation(model, first, frequency, tuple(served.values()))
         block, picture = _jacobian(evaluation, problem.specimen.name, first, noise)
         blocks += [block] * len(own)
         pictures.append(picture)
@@ -192,16 +196,20 @@ def identify(
     names, values, prior = _unknowns(first)
     blocks.append(prior)
     known = identifiability(np.concatenate(blocks), names, values)
-    recommendations = []
+    recommendations, notes = [], _assumed(given[0])
     for words, problem, frequency in _candidates(problems) if recommend else []:
         progress(words)
-        extra, _ = _jacobian(_evaluation(problem, first, frequency), problem.specimen.name, first, noise)
+        model = _model_within(problem, float(frequency[-1]), _MOST_UNKNOWNS)
+        if model is None:
+            notes.append(f"{words} is not among the measurements compared: its model would take minutes and gigabytes")
+            continue
+        extra, _ = _jacobian(_evaluation(model, first, frequency), problem.specimen.name, first, noise)
         joint = identifiability(np.concatenate([*blocks, extra]), names, values)
         recommendations.append(_recommendation(words, known, joint))
     recommendations.sort(key=lambda item: (-len(item.gained), sum(np.log(list(item.std.values())))))
     names = tuple(problem.specimen.name for problem in problems)
     settings = noise_study(subjects, evaluations, noise, study, progress=progress) if study else ()
-    found = (tuple(pictures), tuple(recommendations), expected, settings, where, _assumed(given[0]))
+    found = (tuple(pictures), tuple(recommendations), expected, settings, where, tuple(notes))
     return IdentifyResult(names, noise, known, *found)
 
 
@@ -218,16 +226,16 @@ def _lossy(problem: Problem) -> Problem:
     return replace(problem, constants=constants)
 
 
-def _assumed(given: Problem) -> tuple[str, ...]:
+def _assumed(given: Problem) -> list[str]:
     """A note on the free constants for which a usual loss tangent is taken."""
     free = given.free(given.constants)
     lossless = [name for name, value in zip(free.names, free.start, strict=True) if value.imag == 0]
     if not lossless:
-        return ()
-    return (
+        return []
+    return [
         f"the file states no loss tangent of {', '.join(lossless)}: {TANGENT:g} is assumed, and the deviations depend "
-        f"on it; give tan_{lossless[0]} where it is known",
-    )
+        f"on it; give tan_{lossless[0]} where it is known"
+    ]
 
 
 def _stated_noise(specimens: Sequence[Specimen]) -> float:
@@ -252,12 +260,22 @@ def _material(first: Problem) -> tuple[Unknowns, np.ndarray]:
     return Unknowns.of_constants(_free(first))
 
 
-def _evaluation(problem: Problem, first: Problem, frequency: np.ndarray, effects: Sequence[Effect] = ()) -> Evaluation:
-    """A predicted sweep of the first specimen's material, by a model that serves some effects as well."""
+def _evaluation(
+    model: ElectroelasticModel, first: Problem, frequency: np.ndarray, effects: Sequence[Effect] = ()
+) -> Evaluation:
+    """A predicted sweep of the first specimen's material, by a reduced model that serves some effects as well."""
     free, top = _material(first)[0].material.free, float(frequency[-1])
-    model = problem.model(top, _ACCURACY)
     reduced = extend_model(model, free.training_sets(free.start, 0.05), effects, top, accuracy=1e-4)
     return Evaluation(reduced, 2 * np.pi * frequency)
+
+
+def _model_within(problem: Problem, top: float, most: int) -> ElectroelasticModel | None:
+    """The model of a body up to a frequency, Hz; None where it has more unknowns than `most`."""
+    try:
+        model = problem.model(top, _ACCURACY)
+    except InputError:  # no mesh is made that is so large
+        return None
+    return model if model.size <= most else None
 
 
 def _jacobian(evaluation: Evaluation, name: str, first: Problem, noise: float) -> tuple[np.ndarray, Sensitivity]:

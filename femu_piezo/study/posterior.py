@@ -13,7 +13,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
-from femu_piezo.errors import ConvergenceError
+from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.inference.descent import COARSE
 from femu_piezo.inference.ensemble import Ensemble, together
@@ -96,6 +96,10 @@ class Posterior:
         """The full model of each sweep; sweeps of equal bodies share a model."""
         self._clock.step("mesh and assemble")
         return self._of_pieces(self._meshed)
+
+    def mesh(self) -> None:
+        """Make the full models before other work, which would be lost where one is too large (InputError)."""
+        _ = self.full
 
     @property
     def unknowns(self) -> int:
@@ -198,8 +202,20 @@ class Posterior:
         return tuple(made[body] for body in bodies)
 
     def _meshed(self, number: int, several: Sequence[Subject]) -> ElectroelasticModel:
-        accuracy = COARSE_MESH if self._coarse else mesh_accuracy(several)
-        return self.bases.model(self.several[number].measured, accuracy)
+        """The model of a body for the noise of its sweeps, or as exact as the file asks where that would be too large.
+
+        Either way the error of its mesh counts in the deviations.
+        """
+        measured = self.several[number].measured
+        if self._coarse:
+            return self.bases.model(measured, COARSE_MESH)
+        wanted, asked = mesh_accuracy(several), _asked_accuracy(several)
+        try:
+            return self.bases.model(measured, wanted)
+        except InputError:
+            if not wanted < asked:
+                raise
+        return self.bases.model(measured, asked)
 
     def _reduced(
         self,
@@ -280,8 +296,11 @@ class Posterior:
 
 def mesh_accuracy(several: Sequence[Subject]) -> float:
     """Relative error of eigenvalues that the mesh may have: a share of the noise, no more than the file asks for."""
-    asked = (several[0].problem.specimen.update or Update()).accuracy
-    return min(asked, _share_of_noise(several, _MESH_SHARE, _MESH_RANGE))
+    return min(_asked_accuracy(several), _share_of_noise(several, _MESH_SHARE, _MESH_RANGE))
+
+
+def _asked_accuracy(several: Sequence[Subject]) -> float:
+    return (several[0].problem.specimen.update or Update()).accuracy
 
 
 def mesh_error_at(one: Subject, model: ExtendedModel, frequency: np.ndarray) -> np.ndarray:

@@ -111,9 +111,10 @@ def update_measured(
         if samples:
             raise InputError("samples of the posterior need a fit of the curve; leave out --method pole-zero")
         return _by_pole_zero(several, clock, bases, origin)
+    posterior = Posterior(several, clock, bases)
+    posterior.mesh()
     clock.step("start")
     beginning = begin(measured, bases)
-    posterior = Posterior(several, clock, bases)
     found = posterior.base(beginning.constants)
     found = with_probable_discrepancy(found)
     drawn = None

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from femu_piezo.errors import InputError
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Simulation, read_specimen
@@ -16,6 +17,7 @@ from femu_piezo.study.planning import _coarse, _ToSweep
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.progress import Clock
 from femu_piezo.study.subjects import subjects
+from femu_piezo.study.update import update_measured
 from tests.noise import noisy
 
 TRIO = ("s11", "d31", "eps33T")
@@ -149,3 +151,24 @@ def test_the_basis_of_plans_is_made_once_for_a_lot(subject):
         z, exact = (model.modal(constants.to_e_form()).impedance(2 * np.pi * frequency) for model in (found, unshared))
         assert np.sqrt(np.mean(np.abs(np.log(z / exact)) ** 2)) < 0.05
         assert np.mean(np.abs(np.log(z / exact))) < 0.01
+
+
+def test_a_mesh_for_the_noise_that_is_too_large_is_replaced_by_one_for_the_file(subject, monkeypatch):
+    """Its accuracy is that of [update] accuracy; where that is too large as well, the error says so, before any fit."""
+    asked, refused = [], {1e-5}
+
+    class Small(Bases):
+        def model(self, one, accuracy):
+            asked.append(accuracy)
+            if accuracy in refused:
+                raise InputError("the mesh would have too many entries")
+            return super().model(one, accuracy)
+
+    monkeypatch.setattr("femu_piezo.study.posterior.mesh_accuracy", lambda several: 1e-5)
+    posterior = Posterior([subject], Clock(lambda step: None), Small())
+    posterior.mesh()
+    assert asked == [1e-5, 1e-4] and posterior.full[0].size > 0
+    refused.add(1e-4)
+    with pytest.raises(InputError, match="too many entries"):
+        update_measured([subject.measured], Clock(lambda step: None), Small())
+    assert asked[2:] == [1e-5, 1e-4]  # no model of a start

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -216,3 +217,12 @@ def test_a_setting_of_which_no_fit_settled_is_told(monkeypatch, tmp_path):
         fp.identify(wanted, 1e-3, study=20, recommend=False)
     with pytest.raises(InputError, match="study = 3 gives no statistics; give 20 specimens or more"):
         fp.identify(wanted, 1e-3, study=3, recommend=False)
+
+
+def test_a_further_measurement_of_a_large_model_is_not_compared(monkeypatch, tmp_path):
+    """Its name is in a note; the others are compared as before."""
+    (tmp_path / "k31.toml").write_text(BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz"))
+    monkeypatch.setattr("femu_piezo.study.identify._MOST_UNKNOWNS", 3000)
+    result = fp.identify(tmp_path / "k31.toml", 1e-3)
+    assert any(re.match(r"a square plate 20 .* is not among the measurements compared", note) for note in result.notes)
+    assert len(result.recommendations) == 2 and not any("square" in one.measurement for one in result.recommendations)
