@@ -14,7 +14,7 @@ import click
 
 from femu_piezo import steps
 from femu_piezo.errors import InputError
-from femu_piezo.terminal import Commands, Quantity, StoreAddress
+from femu_piezo.terminal import Commands, Folder, Quantity, StoreAddress
 
 if TYPE_CHECKING:
     from femu_piezo.output.results.result import Result
@@ -70,7 +70,7 @@ def main() -> None:
 
 
 _specimen = click.argument("specimen", type=click.Path(path_type=Path), metavar="SPEC")
-_out = click.option("--out", required=True, type=click.Path(path_type=Path), help="folder for the results")
+_out = click.option("--out", required=True, type=Folder(), help="folder for the results")
 _data = click.option(
     "--data",
     type=click.Path(path_type=Path),

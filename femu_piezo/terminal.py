@@ -7,12 +7,13 @@ import gc
 import io
 import signal
 import sys
+from pathlib import Path
 from typing import Any
 
 import click
 
 from femu_piezo import steps
-from femu_piezo.errors import FemuPiezoError
+from femu_piezo.errors import FemuPiezoError, InputError
 
 #: Stands for a hyphen while lines are wrapped, which would break at it; no text has this character (private use).
 _HYPHEN = "\ue000"
@@ -92,6 +93,18 @@ class Quantity(click.ParamType):
         from femu_piezo.units import parse_quantity
 
         return parse_quantity(value, self._unit, f"--{self.name}")
+
+
+class Folder(click.ParamType):
+    """A folder; no words are none, and not the present one."""
+
+    name = "path"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path; raises InputError where it is empty."""
+        if not str(value).strip():
+            raise InputError("--out names no folder; give one, such as --out results")
+        return Path(value)
 
 
 class StoreAddress(click.ParamType):

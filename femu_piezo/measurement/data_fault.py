@@ -18,7 +18,7 @@ class DataFault:
         "interpolated"
     message : one sentence with the numbers and the remedy
     indices : (k,) int, the points concerned, counted from 0; empty where it is the whole sweep. For a jump the points
-        on its side away from the longest stretch without a jump, up to the next jump
+        up to the next jump, on its side away from the longest stretch without a jump
     fatal : whether the sweep cannot be used as it is
     """
 

@@ -41,6 +41,8 @@ _MAINS_TO, _MAINS = 1100.0, (50.0, 60.0)
 #: whose number of digits is fixed.
 _DECIMAL_STEPS = np.outer(10.0 ** -np.arange(6), (5, 2, 1)).reshape(-1, 1)
 _DIGITS = 5
+#: Sum of jumps, over the smallest of them, below which they cancel.
+_CANCELS = 0.25
 _REMEDY = "measure again, or set mask_faults = true in [measurement] of the specimen file (or --mask-faults)"
 
 
@@ -197,17 +199,31 @@ def _is_mains(frequency: np.ndarray) -> np.ndarray:
 
 
 def _jump_faults(spectrum: ImpedanceSpectrum, jumps: list[tuple[int, complex]]) -> list[DataFault]:
-    """One fault per jump; its points are the stretch on its side away from the longest stretch without a jump."""
+    """One fault per stretch between jumps whose readings are off those of the longest one, with its points.
+
+    A stretch behind a jump and a jump back, which cancel, is as right as the longest one.
+    """
     edges = [0, *(after + 1 for after, _ in jumps), len(spectrum)]
     longest = int(np.argmax(np.diff(edges)))
+    steps = np.array([step for _, step in jumps], dtype=complex)
+    offsets = np.append(0.0, np.cumsum(steps))  # log of the factor on each stretch
+    right = np.abs(offsets - offsets[longest]) < _CANCELS * np.min(np.abs(steps), initial=np.inf)
+
+    def between(jump: int) -> str:
+        low, high = spectrum.frequency[[jumps[jump][0], jumps[jump][0] + 1]]
+        return f"between {low:.6g} and {high:.6g} Hz"
+
     faults = []
-    for place, (after, step) in enumerate(jumps):
-        side = np.arange(edges[place], edges[place + 1]) if place < longest else np.arange(after + 1, edges[place + 2])
-        low, high = spectrum.frequency[[after, after + 1]]
+    for number in np.flatnonzero(~right).tolist():
+        near, far, beyond = (number, number - 1, -1) if number < longest else (number - 1, number, 1)
+        side = np.arange(edges[number], edges[number + 1])
+        step = steps[near]
+        back = f" and back {between(far)}" if 0 <= far < len(jumps) and right[number + beyond] else ""
+        size = f"{np.expm1(step.real):+.2%} and {np.degrees(step.imag):+.2f}°"
         message = (
-            f"the impedance jumps by {np.expm1(step.real):+.2%} and {np.degrees(step.imag):+.2f}° between {low:.6g} "
-            f"and {high:.6g} Hz, as a change of the instrument's range does; fix the range and {_REMEDY}, which "
-            f"leaves out {side.size} points, {spectrum.frequency[side[0]]:.6g} to {spectrum.frequency[side[-1]]:.6g} Hz"
+            f"the impedance jumps by {size} {between(near)}{back}, as a change of the instrument's range does; fix the "
+            f"range and {_REMEDY}, which leaves out {side.size} points, {spectrum.frequency[side[0]]:.6g} to "
+            f"{spectrum.frequency[side[-1]]:.6g} Hz"
         )
         faults.append(DataFault("jump", message, side, fatal=False))
     return faults

@@ -32,6 +32,8 @@ from femu_piezo.units import signed
 
 #: Shift of a constant, in standard deviations, above which it is reported.
 _MOVED = 3.0
+#: Probability from which a cause is told as very likely.
+_VERY_LIKELY = 0.9
 #: Errors of predictions over what noise causes of them up to which a model counts as right.
 _AS_EXPECTED = 1.3
 #: `Spread.wider` above which an interval is reported.
@@ -153,7 +155,10 @@ def _headline(result: Diagnosis) -> str:
         return "The simulation explains this sweep within the noise: no further effect is needed."
     if word == "effect":
         likely = _likely(result.verdict.causes)
-        return f"{'Causes' if len(likely) > 1 else 'Cause'} of the misfit: {names_of(likely)}."
+        words = f"{'causes' if len(likely) > 1 else 'cause'} of the misfit: {names_of(likely)}"
+        if _is_sure(result):
+            return f"{sentence_case(words)}."
+        return f"Possible {words} (probability {min(one.probability for one in likely):.2f})."
     if _points_to_blame(result):
         return "No linear body can have this response: the error is in the data, not in the simulation."
     words = "The simulation lacks something that no known effect explains"
@@ -168,6 +173,11 @@ def _likely(causes: Sequence[Cause]) -> list[Cause]:
     """The causes more probable than not, else the most probable one; `_sure` reports all with their probabilities."""
     found = [cause for cause in causes if cause.probability >= 0.5]
     return found or [max(causes, key=lambda cause: cause.probability)]
+
+
+def _is_sure(result: Diagnosis) -> bool:
+    """Whether every cause of the headline is very likely, so that the constants with them may be used."""
+    return all(cause.probability >= _VERY_LIKELY for cause in _likely(result.verdict.causes))
 
 
 def _looks(result: Diagnosis) -> list[str]:
@@ -298,7 +308,12 @@ def _grown(gain: dict[str, float]) -> str:
 
 
 def _certainty(probability: float) -> str:
-    words = ((0.99, "practically certain"), (0.9, "very likely"), (0.6, "likely"), (0.0, "no more than a guess"))
+    words = (
+        (0.99, "practically certain"),
+        (_VERY_LIKELY, "very likely"),
+        (0.6, "likely"),
+        (0.0, "no more than a guess"),
+    )
     word = next(word for least, word in words if probability >= least)
     figure = f"{probability:.3f}"
     if not 0.001 <= probability <= 0.999:
@@ -349,7 +364,7 @@ def _bias(result: Diagnosis, elsewhere: bool) -> tuple[str, ...]:
     moved = [shift for shift in shifts(result) if shift.sigma > _MOVED]
     if not moved:
         return (f"No constant changed by more than {_MOVED:.0f} of its standard deviations.",)
-    found = []
+    found = [] if _is_sure(result) else ["With this cause, which is not certain, constants change:"]
     for shift in moved[:4]:
         name = shift.name.removeprefix("tan ")
         factor, unit = PRINTED[name] if shift.name == name else (1.0, "")
@@ -398,11 +413,12 @@ def _measures(result: Diagnosis) -> tuple[str, ...]:
         if result.verdict.hidden:
             first = "Use the constants if none of the effects is there that this sweep cannot show, listed below."
     elif word == "effect":
-        these = "these causes" if len(result.verdict.causes) > 1 else "this cause"
-        first = (
-            f"Continue with extended.toml, the specimen file with {these} and the corrected constants: simulate, "
-            "update and diagnose accept it like any other."
-        )
+        several = len(result.verdict.causes) > 1
+        these, right = ("these causes", "they are right") if several else ("this cause", "it is right")
+        file = f"extended.toml, the specimen file with {these} and the corrected constants"
+        first = f"Continue with {file}: simulate, update and diagnose accept it like any other."
+        if not _is_sure(result):
+            first = f"Confirm {these} before using the constants: {file}, holds only if {right}."
     else:
         first = "Do not rely on the constants before the cause is known; look at the residual where it is largest."
         if _points_to_blame(result):

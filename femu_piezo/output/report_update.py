@@ -26,7 +26,7 @@ from femu_piezo.output.report import (
 from femu_piezo.output.report_curves import curve_charts, sensitivity_chart
 from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import mode_section
-from femu_piezo.output.tables import source_words
+from femu_piezo.output.tables import source_of_permittivity, source_words
 from femu_piezo.output.temperature_chart import temperature_figure
 from femu_piezo.specimen.geometry import Geometry
 from femu_piezo.study.results import Outcome, UpdateResult
@@ -148,12 +148,12 @@ def _method(result: UpdateResult) -> str:
             "together (Cong, Hu, Li 2022, appendix A)"
         )
         return (
-            f"Method: {fitted}. Source of eps33T: {result.permittivity_source}. The rest of the curve was not fitted "
-            "and serves as a test."
+            f"Method: {fitted}{source_of_permittivity(result)}. The rest of the curve was not fitted and serves as a "
+            "test."
         )
     return (
         f"Method: {result.iterations} pole-zero iterations, then a maximum-likelihood fit of the whole measured "
-        f"curve. Source of eps33T: {result.permittivity_source}."
+        f"curve{source_of_permittivity(result)}."
     )
 
 

@@ -90,10 +90,7 @@ def update_table(result: UpdateResult) -> RenderableType:
     parts = [constants, *(_resonance_table(outcome) for outcome in result.outcomes)]
     for outcome, several in zip(result.outcomes, result.figures, strict=True):
         parts += [figures_table(one, outcome.measured.problem.specimen.name, short=True) for one in several]
-    lines = [
-        f"method: {result.method}, {result.iterations} pole-zero iterations; source of eps33T: "
-        f"{result.permittivity_source}"
-    ]
+    lines = [f"method: {result.method}, {result.iterations} pole-zero iterations{source_of_permittivity(result)}"]
     lines += [
         f"{outcome.measured.problem.specimen.name}: rms |Δ log Z| baseline {100 * outcome.rms_before:.3g} %, updated "
         f"{100 * outcome.rms_after:.3g} %; {_coupling_words(outcome.measured)}{outcome.unknowns} unknowns"
@@ -170,6 +167,12 @@ def deviation_percent(share: float | None) -> str:
     if abs(share) < 1e-6:
         return "0 %"
     return f"{100 * share:+.0f} %" if abs(share) >= 1 else f"{100 * share:+.2g} %"
+
+
+def source_of_permittivity(result: UpdateResult) -> str:
+    """Where ε33T comes from, if it was found, or the paper's update took it as known."""
+    needed = "eps33T" in result.parameters or result.method == "pole_zero"
+    return f"; source of eps33T: {result.permittivity_source}" if needed else ""
 
 
 def source_words(source: str) -> str:

@@ -75,6 +75,9 @@ def _origin(constants: PiezoConstants, found: Sequence[str]) -> list[str]:
     sentences = [f"Caution: {one}." for one in cautions(constants)]
     if found:
         sentences.append(f"Found from a sweep: {', '.join(found)}. The others were given, or follow from these.")
+        lossless = [name for name in D_FORM if getattr(constants, name) != 0 and constants.tangent(name) == 0]
+        if lossless:
+            sentences.append(f"No loss was given for {', '.join(lossless)}: they are lossless here.")
     empty = [name for name in D_FORM if getattr(constants, name) == 0]
     if empty:
         sentences.append(f"{', '.join(empty)} are set to zero by the simplified material; they were not measured.")

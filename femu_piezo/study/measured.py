@@ -110,6 +110,8 @@ class Measured:
         return start_permittivity(self.problem, self.pair, self.fitted.frequency[0], self.fitted.admittance[0])
 
 
+#: Ratio of the capacitance of a sweep to that of the body from which it is no matter of material, cable or contact.
+_ANOTHER_UNIT = 100.0
 #: A sweep in memory, or another file than that of the specimen.
 Sweep = ImpedanceSpectrum | Path
 
@@ -230,8 +232,22 @@ def _analysed(specimen: Specimen, spectrum: Sweep | None) -> _Analysed:
         wish, spectrum = wish.model_copy(update={"file": None}), accept_spectrum(spectrum, **_corrections(wish))
     spectrum = _without_clipped(spectrum)
     problem = prepare(specimen.model_copy(update={"measurement": wish}), check=False)
+    _refuse_another_unit(spectrum, problem)
     fitted = _without_held_out(spectrum, wish.held_out, str(specimen.path or specimen.name))
     return _Analysed(problem, spectrum, fitted, extract(fitted))
+
+
+def _refuse_another_unit(spectrum: ImpedanceSpectrum, problem: Problem) -> None:
+    """InputError where the capacitance of a sweep is so far from that of the body that Z must be in another unit."""
+    plate, omega = problem.plate, 2 * np.pi * spectrum.frequency
+    expected = problem.constants.eps33T.real * plate.electrode_area / plate.electrode_gap
+    ratio = float(np.median(1 / (omega * np.abs(spectrum.impedance)))) / expected
+    if not 1 / _ANOTHER_UNIT < ratio < _ANOTHER_UNIT:
+        raise InputError(
+            f"{spectrum.source}: the capacitance is {ratio:.2g} times the {1e12 * expected:.3g} pF of the specimen "
+            f"{problem.specimen.name}; give the unit of the impedance, ohm or kohm, in the header, and check the "
+            "dimensions"
+        )
 
 
 def read_sweep(wish: Measurement, file: Path) -> ImpedanceSpectrum:

@@ -17,6 +17,7 @@ from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.effects import body_as_simulated, effects_as_simulated
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import electrode_notes
+from femu_piezo.study.simulate import visible_resonances
 from femu_piezo.units import two_hertz
 
 #: Share of the strongest mode's |a²/λ| below which a mode is not shown: the terminals hardly see it.
@@ -70,6 +71,7 @@ class ModesResult:
     """The modes of a specimen in a band (Hz), and the model that their vectors belong to.
 
     left_out : names of those of its [effects] that are not in the constants, dimensions and density of the body
+    weak : number of modes of the band that the terminals hardly see, which are not shown
     """
 
     specimen: Specimen
@@ -77,12 +79,21 @@ class ModesResult:
     modes: tuple[DrivenMode, ...]
     band: tuple[float, float]
     left_out: tuple[str, ...] = ()
+    weak: int = 0
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What to know of the accuracy, as sentences."""
-        words = (f"{self.specimen.name}: the modes are those of the body without {', '.join(self.left_out)}",)
-        return electrode_notes(self.specimen) + (words if self.left_out else ())
+        notes = electrode_notes(self.specimen)
+        if self.left_out:
+            notes += (f"{self.specimen.name}: the modes are those of the body without {', '.join(self.left_out)}",)
+        if self.weak:
+            modes = "one mode is" if self.weak == 1 else f"{self.weak} modes are"
+            notes += (
+                f"{self.specimen.name}: {modes} left out, with less than {100 * _VISIBLE:g} % of the participation of "
+                "the strongest; `simulate` lists what a sweep shows of them",
+            )
+        return notes
 
     def to_json(self) -> dict:
         """Contents of modes.json."""
@@ -141,7 +152,9 @@ def modes(
     total = sum(pole[2] for pole, _ in pairs)
     found = tuple(_mode(model, pole, zero, total) for pole, zero in pairs)
     left_out = tuple(name for name in specimen.effects or () if name in hidden)
-    return ModesResult(specimen, model, found, (low, high), left_out)
+    seen = [one for one in visible_resonances(modal, high)[0] if low <= one.frequency_Hz <= high]
+    weak = 0 if count is not None else max(len(seen) - len(pairs), 0)
+    return ModesResult(specimen, model, found, (low, high), left_out, weak)
 
 
 def _model(problem: Problem, high: float) -> ElectroelasticModel:

@@ -16,7 +16,7 @@ from femu_piezo.material.constants import EPS0, PiezoConstants
 from femu_piezo.material.conversion import StressCharge, from_stress_charge, stress_charge
 from femu_piezo.material.library import library_material
 from femu_piezo.material.programs.writers import PROGRAMS, program
-from femu_piezo.study.export import constants_of_record
+from femu_piezo.study.export import constants_of_record, export_text
 from tests.commands import invoked, succeeded
 from tests.material_files import COMPLEX, READERS
 
@@ -246,3 +246,12 @@ def test_a_schema_of_a_later_release_is_refused(tmp_path):
     answer = invoked("export", tmp_path / "update.json", "--to", "json", "--out", tmp_path / "out")
     assert answer.exit_code == 2 and answer.output.count("\n") == 1
     assert f"schema {SCHEMA + 1}" in answer.output and f"reads schema {SCHEMA}" in answer.output
+
+
+def test_constants_without_a_stated_loss_are_named():
+    """Of an update that found s11 alone: the held ones of a library without losses are lossless in any program."""
+    constants = library_material("pzt-5h").constants
+    found = constants.with_values(s11=constants.s11 * (1 - 0.01j))
+    text = export_text(found, 7500.0, "a", "ansys", found=("s11",))
+    assert "No loss was given for s12, s13, s33," in " ".join(text.replace("!", "").split())
+    assert "No loss was given" not in export_text(found, 7500.0, "a", "ansys")

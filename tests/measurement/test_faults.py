@@ -97,6 +97,17 @@ def test_spikes_are_found_and_nothing_else(points: int, material: dict) -> None:
     assert hits >= 19
 
 
+@pytest.mark.parametrize("stretch", [(150, 180), (60, 170)])
+def test_a_stretch_in_another_range_is_left_out_alone(stretch) -> None:
+    """Between a jump and a jump back: the readings on both sides stay, wherever the fundamental is."""
+    frequency, impedance = noisy(401, 1e-3, SOFT, 1)
+    impedance[slice(*stretch)] *= np.exp(0.03 - 0.02j)
+    faults = local_faults(ImpedanceSpectrum(frequency, impedance))
+    (fault,) = faults
+    assert fault.kind == "jump" and fault.indices.tolist() == list(range(*stretch))
+    assert " Hz and back between " in fault.message
+
+
 @pytest.mark.kernels
 @pytest.mark.parametrize("loud", [0.3, 0.7])
 def test_spikes_are_seen_beside_the_noise_that_is_stated_at_their_points(loud: float) -> None:

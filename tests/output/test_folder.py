@@ -48,3 +48,12 @@ def test_a_command_names_what_an_earlier_run_left(tmp_path):
     told = succeeded("extract", sweep, "--out", tmp_path).output
     assert f"note: prony_ss_2.png in {tmp_path} belongs to an earlier run" in told and stale.exists()
     assert "prony_ss.png" not in told
+
+
+def test_an_empty_name_is_no_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "plate.toml").write_text(SPEC, encoding="utf-8")
+    for name in ("", " "):
+        refused = invoked("modes", "plate.toml", "--out", name)
+        assert refused.exit_code == 2 and "--out names no folder" in refused.output
+    assert [path.name for path in tmp_path.iterdir()] == ["plate.toml"]

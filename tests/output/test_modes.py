@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import femu_piezo as fp
 from femu_piezo.errors import InputError
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.modal import ModalModel
@@ -204,6 +205,18 @@ def test_the_usual_band_ends_with_the_simulated_sweep(tmp_path: Path) -> None:
     for stop, high in ((100e3, 100e3), (2 * whole, whole), (20e3, whole)):  # no mode lies below 20 kHz
         simulated = modes(specimen(tmp_path, f"{K31}[simulation]\nstop = {stop}\n"))
         assert simulated.band == (0.0, pytest.approx(high)) and len(simulated.modes) == 1 + (high > 200e3)
+
+
+def test_modes_that_the_terminals_hardly_see_are_counted(tmp_path: Path) -> None:
+    """Half an electrode hardly drives bending: `simulate` lists those modes, `modes` says how many it leaves out."""
+    text = '[geometry]\nshape = "plate"\nlength = 24e-3\nwidth = 6e-3\nthickness = 1e-3\ndensity = 7600.0\n'
+    text += 'electrode_start = 2e-3\nelectrode_length = 12e-3\n[material]\nbase = "pzt-8"\n'
+    (tmp_path / "half.toml").write_text(text + '[simulation]\nstop = "200 kHz"\n', encoding="utf-8")
+    found, seen = fp.modes(tmp_path / "half.toml"), fp.simulate(tmp_path / "half.toml").poles
+    weak = len(seen) - len(found.modes)
+    assert weak > 1
+    assert f"half: {weak} modes are left out, with less than 0.1 % of the participation" in found.notes[-1]
+    assert fp.modes(tmp_path / "half.toml", count=1).notes == ()
 
 
 def test_band_without_modes_and_wrong_band_are_refused(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from femu_piezo.material.constants import EPS0
 from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.output.diagnosis import diagnosis_record
 from femu_piezo.output.diagnosis_tables import fitted_sizes
-from femu_piezo.output.diagnosis_words import _best_candidate, _form, _likely, moved_by_others
+from femu_piezo.output.diagnosis_words import _best_candidate, _form, _likely, answer, moved_by_others
 from femu_piezo.output.folder import prepare_folder, write_json
 from femu_piezo.output.report_diagnosis import _candidates, write_diagnosis_report
 from femu_piezo.output.tables import interval_text
@@ -130,6 +130,23 @@ def test_a_limit_that_another_effect_reached_is_not_told():
         comparison = SimpleNamespace(base=found, singles=[trial])
         told.append("at a limit of its range" in _candidates(SimpleNamespace(comparison=comparison)))
     assert told == [False, True]
+
+
+def test_a_guess_is_not_told_as_the_cause(effect):
+    """Below 0.9 the headline, the constants and the advice say that the cause is not certain."""
+    specimen = read_specimen(effect.folder / "plate.toml")
+    result = diagnose(specimen, rules=Rules(most_causes=1), effects=[circuits.candidates])
+    verdict, told = result.verdict, []
+    for probability in (0.97, 0.53):
+        causes = tuple(replace(cause, probability=probability) for cause in verdict.causes)
+        told.append(answer(replace(result, verdict=replace(verdict, causes=causes))))
+    sure, guess = told
+    assert sure.headline == "Cause of the misfit: series resistance."
+    assert guess.headline == "Possible cause of the misfit: series resistance (probability 0.53)."
+    assert guess.constants[0] == "With this cause, which is not certain, constants change:"
+    assert sure.constants == guess.constants[1:] and sure.constants[0].startswith("tan ")
+    assert sure.measures[0].startswith("Continue with extended.toml")
+    assert guess.measures[0].startswith("Confirm this cause before using the constants")
 
 
 def test_the_reference_explains_every_key_and_column(effect):

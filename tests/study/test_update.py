@@ -12,6 +12,7 @@ import pytest
 from hidden_effects.build import Build
 from scipy.optimize import brentq
 
+from femu_piezo.errors import InputError
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.starts.pole_zero import static_permittivity
 from femu_piezo.inference.starts.thin_body import k31_bar_admittance, k33_bar_impedance
@@ -458,3 +459,14 @@ def test_a_zero_that_the_fixture_moves_far_is_that_of_the_curve(tmp_path):
     peak = frequency[np.argmax(np.abs(outcome.updated_curve))]
     assert simulated.frequency_Hz == pytest.approx(peak, rel=5e-3)
     assert simulated.frequency_Hz == pytest.approx(measured.frequency_Hz, rel=2e-3)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_an_impedance_in_another_unit_is_refused(sweeps, write_specimen_of, factor):
+    """kohm under a header of ohm, or the reverse, by the capacitance of the body."""
+    other = ImpedanceSpectrum(sweeps["k31"].frequency, factor * sweeps["k31"].impedance)
+    path = write_specimen_of("k31", other, ("s11", "d31", "eps33T"))
+    with pytest.raises(
+        InputError, match=r"the capacitance is .* times the .* pF of the specimen k31; give the unit of"
+    ):
+        update(read_specimen(path))
