@@ -232,9 +232,11 @@ def _analysed(specimen: Specimen, spectrum: Sweep | None) -> _Analysed:
         wish, spectrum = wish.model_copy(update={"file": None}), accept_spectrum(spectrum, **_corrections(wish))
     spectrum = _without_clipped(spectrum)
     problem = prepare(specimen.model_copy(update={"measurement": wish}), check=False)
-    _refuse_another_unit(spectrum, problem)
     fitted = _without_held_out(spectrum, wish.held_out, str(specimen.path or specimen.name))
-    return _Analysed(problem, spectrum, fitted, extract(fitted))
+    found = extract(fitted)
+    if found.figures is not None:  # what is no impedance has none
+        _refuse_another_unit(spectrum, problem)
+    return _Analysed(problem, spectrum, fitted, found)
 
 
 def _refuse_another_unit(spectrum: ImpedanceSpectrum, problem: Problem) -> None:
