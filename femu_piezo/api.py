@@ -69,7 +69,7 @@ def extract(
     Parameters
     ----------
     correct_phase : turn the phase of the sweep by 180°
-    mask_faults : leave out spikes, mains lines and the shorter side of jumps
+    mask_faults : leave out spikes, mains lines and stretches in another range
     mask : bands (low, high), Hz, whose points are left out
     method : "prony_ss" for the paper's method in the time domain (evenly spaced points, no deviations)
     """

@@ -81,7 +81,7 @@ _correct_phase = click.option(
     "--correct-phase", is_flag=True, help="turn the phase of the sweep by 180° (where its resistance is negative)"
 )
 _mask_faults = click.option(
-    "--mask-faults", is_flag=True, help="leave out spikes, mains lines and the shorter side of jumps in the sweep"
+    "--mask-faults", is_flag=True, help="leave out spikes, mains lines and stretches in another range in the sweep"
 )
 _connection = click.option(
     "--connection",

@@ -18,6 +18,10 @@ class InputError(FemuPiezoError):
     exit_code = 2
 
 
+class TooLargeError(InputError):
+    """A model would need more memory than there is."""
+
+
 class ConvergenceError(FemuPiezoError):
     """A computation did not reach its goal; the message says what to try."""
 

@@ -113,7 +113,9 @@ def as_json(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """An array or a number of numpy in Python's types."""
+    """An array or a number of numpy in Python's types; TypeError for what is neither."""
+    if not hasattr(value, "tolist"):
+        raise TypeError(f"{type(value).__name__} has no form in JSON")
     return value.tolist()
 
 

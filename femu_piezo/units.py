@@ -192,7 +192,7 @@ def _factor(unit_text: str, value: object, unit: str, where: str, right: str) ->
         unknown = [name for name in re.findall(r"[A-Za-zµΩ°%]+0?", plain) if name not in registry]
         names = [name for name in _NAMES if [plain] != unknown or _converted(name, unit) is not None]
         near = [name for name in names if unknown and name.lower() == unknown[0].lower()]
-        close = difflib.get_close_matches(unknown[0], names, len(names), 0.3) if unknown else []
+        close = difflib.get_close_matches(unknown[0], names, len(_NAMES), 0.3) if unknown else []
         near = near or [name for name in names if name in close][:3]
         hint = f"did you mean {' or '.join(map(repr, near))}?" if near else right
         raise InputError(f"{where}: the unit of {shown(value)} is not known; {hint}") from None

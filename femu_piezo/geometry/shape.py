@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from femu_piezo.errors import InputError
+from femu_piezo.errors import InputError, TooLargeError
 from femu_piezo.geometry.domain import Domain
 
 #: Unknowns of the largest model that is attempted, and entries of its operator.
@@ -120,7 +120,7 @@ def check_unknowns(unknowns: float, entries: float = 0.0) -> None:
     """InputError where a model, or the entries of its operator, would be too large for a few GB of memory."""
     if not fits(unknowns, entries):
         many = f"{unknowns:.2g} unknowns" if unknowns > MOST_UNKNOWNS else f"{entries:.2g} entries in its matrices"
-        raise InputError(
+        raise TooLargeError(
             f"the mesh would have about {many}, too many to be solved; lower the highest frequency (the end of the "
             "sweep, simulation.stop, --band of modes; is its unit right?), raise simulation.order where the file "
             "states a low one, or, of `simulate` and `modes`, ask for less accuracy (update.accuracy = 1e-3)"

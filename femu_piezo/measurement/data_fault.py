@@ -17,8 +17,8 @@ class DataFault:
         "columns_exchanged", "admittance_exchanged", "not_passive", "rough", "jump", "spike", "mains", "quantised" or
         "interpolated"
     message : one sentence with the numbers and the remedy
-    indices : (k,) int, the points concerned, counted from 0; empty where it is the whole sweep. For a jump the points
-        up to the next jump, on its side away from the longest stretch without a jump
+    indices : (k,) int, the points concerned, counted from 0; empty where it is the whole sweep. For a jump a
+        stretch whose readings are off those of most points
     fatal : whether the sweep cannot be used as it is
     """
 

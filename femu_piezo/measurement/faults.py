@@ -199,34 +199,43 @@ def _is_mains(frequency: np.ndarray) -> np.ndarray:
 
 
 def _jump_faults(spectrum: ImpedanceSpectrum, jumps: list[tuple[int, complex]]) -> list[DataFault]:
-    """One fault per stretch between jumps whose readings are off those of the longest one, with its points.
+    """One fault per stretch between jumps whose readings are off those of most points, with the points of the stretch.
 
-    A stretch behind a jump and a jump back, which cancel, is as right as the longest one.
+    Stretches between which the jumps cancel are alike.
     """
     edges = [0, *(after + 1 for after, _ in jumps), len(spectrum)]
-    longest = int(np.argmax(np.diff(edges)))
     steps = np.array([step for _, step in jumps], dtype=complex)
     offsets = np.append(0.0, np.cumsum(steps))  # log of the factor on each stretch
-    right = np.abs(offsets - offsets[longest]) < _CANCELS * np.min(np.abs(steps), initial=np.inf)
-
-    def between(jump: int) -> str:
-        low, high = spectrum.frequency[[jumps[jump][0], jumps[jump][0] + 1]]
-        return f"between {low:.6g} and {high:.6g} Hz"
-
+    alike = np.abs(offsets[:, None] - offsets) < _CANCELS * np.min(np.abs(steps), initial=np.inf)
+    most = int(np.argmax(alike @ np.diff(edges)))
+    right = alike[most]
     faults = []
     for number in np.flatnonzero(~right).tolist():
-        near, far, beyond = (number, number - 1, -1) if number < longest else (number - 1, number, 1)
         side = np.arange(edges[number], edges[number + 1])
-        step = steps[near]
-        back = f" and back {between(far)}" if 0 <= far < len(jumps) and right[number + beyond] else ""
-        size = f"{np.expm1(step.real):+.2%} and {np.degrees(step.imag):+.2f}°"
+        neighbours = {number - 1: number - 1, number: number + 1}  # jump → the stretch beyond it
+        ends = [jump for jump, beyond in neighbours.items() if 0 <= beyond < right.size]
+        level = [jump for jump in ends if right[neighbours[jump]]] or ends  # those from or to right readings
+        told = [f"by {_size(steps[jump])} {_between(spectrum, jumps[jump][0])}" for jump in level]
+        if len(level) == 2 and right[number - 1]:
+            told[1] = f"back {_between(spectrum, jumps[number][0])}"
         message = (
-            f"the impedance jumps by {size} {between(near)}{back}, as a change of the instrument's range does; fix the "
-            f"range and {_REMEDY}, which leaves out {side.size} points, {spectrum.frequency[side[0]]:.6g} to "
+            f"the impedance jumps {' and '.join(told)}, as a change of the instrument's range does; fix the range and "
+            f"{_REMEDY}, which leaves out {side.size} points, {spectrum.frequency[side[0]]:.6g} to "
             f"{spectrum.frequency[side[-1]]:.6g} Hz"
         )
         faults.append(DataFault("jump", message, side, fatal=False))
     return faults
+
+
+def _size(step: complex) -> str:
+    """The factor of a jump, of which `step` is the logarithm, in words."""
+    return f"{np.expm1(step.real):+.2%} and {np.degrees(step.imag):+.2f}°"
+
+
+def _between(spectrum: ImpedanceSpectrum, after: int) -> str:
+    """Where a jump behind a point is, in words."""
+    low, high = spectrum.frequency[[after, after + 1]]
+    return f"between {low:.6g} and {high:.6g} Hz"
 
 
 def _spike_faults(spectrum: ImpedanceSpectrum, spikes: dict[int, float]) -> list[DataFault]:

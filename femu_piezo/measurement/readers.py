@@ -56,7 +56,7 @@ def read_spectrum(
     ----------
     path : the file
     correct_phase : turn a phase that is wrong by 180° (Re Z < 0) back
-    mask_faults : leave out the points of spikes, mains lines and negative resistance, and the shorter side of a jump
+    mask_faults : leave out the points of spikes, mains lines and negative resistance, and stretches in another range
     mask : bands (low, high), Hz, whose points are left out before any check
     noise : relative standard deviation of the complex impedance, where it is known; replaces that of the file
     connection : of the piece, for Touchstone alone: "reflection", "series" or "shunt"; found out where None

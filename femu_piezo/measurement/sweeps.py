@@ -32,6 +32,7 @@ class SweepData:
     model_share : (k,) share of the variance that is error of the reduced basis; none where empty
     mesh_error : (k,) relative error of eigenvalues that the mesh may have at each frequency; none where empty
     mesh_capacitance : (k,) error of the capacitance of the body that the mesh may have, F; none where empty
+    bodies : number of the body of each sweep; sweeps of one share the error of its mesh. Each has its own where empty
     noise_memory : autoregression of the noise of each sweep; white noise where empty
     """
 
@@ -43,6 +44,7 @@ class SweepData:
     model_share: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
     mesh_error: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
     mesh_capacitance: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+    bodies: tuple[int, ...] = ()
     noise_memory: tuple[Autoregression, ...] = ()
 
     @made_once
@@ -117,20 +119,27 @@ class SweepData:
     def mesh_misses(self, log_slope: np.ndarray) -> np.ndarray:
         """(2k, m) whitened errors of log Z, one standard deviation each, that the mesh may make.
 
-        In each band by itself a relative error ε of eigenvalues shifts the curve along frequency: ½ ε ∂log Z/∂log f,
-        log_slope (k,) complex; in each sweep an error δC of the capacitance is −jω Z δC.
+        With C = 1/(jω Z), a relative error ε of eigenvalues shifts C along frequency, independently in each band of the
+        sweeps of a body: ½ ε (1 + ∂log Z/∂log f), log_slope (k,) complex. An error δC of the capacitance is −jω Z δC.
         """
-        errors = []
-        if self.mesh_error.size:
-            shifted = 0.5 * self.mesh_error * log_slope
-            errors += [(band, shifted[band]) for band in self.bands()]
-        if self.mesh_capacitance.size:
-            charged = -2j * np.pi * self.frequency * self.impedance * self.mesh_capacitance
-            errors += [(sweep, charged[sweep]) for sweep in self.sweeps]
-        found = np.zeros((self.impedance.size, len(errors)), dtype=complex)
-        for number, (points, error) in enumerate(errors):
-            found[points, number] = error
-        return stacked(self.over_noise(found))
+        errors: dict[tuple[int, int], np.ndarray] = {}
+        shifted = 0.5 * self.mesh_error * (1 + log_slope) if self.mesh_error.size else None
+        charged = (
+            -2j * np.pi * self.frequency * self.impedance * self.mesh_capacitance
+            if self.mesh_capacitance.size
+            else None
+        )
+
+        def add(kind: tuple[int, int], points: np.ndarray, error: np.ndarray | None) -> None:
+            if error is not None:
+                errors.setdefault(kind, np.zeros(self.impedance.size, dtype=complex))[points] = error[points]
+
+        for sweep, body in zip(self.sweeps, self.bodies or range(len(self.sweeps)), strict=True):
+            for number, band in enumerate(np.array_split(sweep, _BANDS)):
+                add((body, number), band, shifted)
+            add((body, _BANDS), sweep, charged)
+        found = np.array(list(errors.values()), dtype=complex).reshape(-1, self.impedance.size)
+        return stacked(self.over_noise(found.T))
 
     def whitened(self, impedance: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual (2k,) = (log Z_model − log Z)/σ as Re, Im, and its Jacobian (2k, n_x).

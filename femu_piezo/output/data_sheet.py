@@ -72,7 +72,7 @@ def _body_words(outcome: Outcome) -> str:
     sizes = [
         f"{key.replace('_', ' ')} {1e3 * value:.5g} mm"
         for key, value in geometry
-        if isinstance(value, float) and key in (*LENGTHS, *FEATURES)
+        if isinstance(value, float) and key in (*LENGTHS, "corner_radius", *FEATURES)
     ]
     poling = geometry.poling
     along = f"the {poling}" if isinstance(poling, str) else f"({', '.join(f'{part:.4g}' for part in poling)})"
@@ -145,7 +145,7 @@ def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]
     """The notes and the errors of the formulas as far as there is room, then version and date of the page."""
     sentences = [*result.notes, *(one.formula_words for one in modes if one.formula_words)]
     sentences += [note for one in modes for note in one.notes]
-    alone = " (of figures by standard of noise alone)" * bool(modes)
+    alone = ", of figures by standard for the noise alone" * bool(modes)
     sentences.insert(0, f"± is one standard deviation{alone}; a constant is value (1 − j tan), time factor exp(jωt)")
     lines, remaining = [], list(sentences)
     while remaining:

@@ -155,10 +155,11 @@ def _headline(result: Diagnosis) -> str:
         return "The simulation explains this sweep within the noise: no further effect is needed."
     if word == "effect":
         likely = _likely(result.verdict.causes)
-        words = f"{'causes' if len(likely) > 1 else 'cause'} of the misfit: {names_of(likely)}"
-        if _is_sure(result):
-            return f"{sentence_case(words)}."
-        return f"Possible {words} (probability {min(one.probability for one in likely):.2f})."
+        words = f"{'causes' if len(likely) > 1 else 'cause'} of the misfit:"
+        if all(one.probability >= _VERY_LIKELY for one in likely):
+            return f"{sentence_case(words)} {names_of(likely)}."
+        each = [f"{names_of([one])} (probability {one.probability:.2f})" for one in likely]
+        return f"Possible {words} {listed(each)}."
     if _points_to_blame(result):
         return "No linear body can have this response: the error is in the data, not in the simulation."
     words = "The simulation lacks something that no known effect explains"
@@ -176,8 +177,15 @@ def _likely(causes: Sequence[Cause]) -> list[Cause]:
 
 
 def _is_sure(result: Diagnosis) -> bool:
-    """Whether every cause of the headline is very likely, so that the constants with them may be used."""
-    return all(cause.probability >= _VERY_LIKELY for cause in _likely(result.verdict.causes))
+    """Whether every named cause is very likely, so that the constants with them may be used."""
+    return all(cause.probability >= _VERY_LIKELY for cause in result.verdict.causes)
+
+
+def _uncertain(result: Diagnosis) -> str:
+    """What stands before the changes of constants where not all causes are certain."""
+    one = len(result.verdict.causes) == 1
+    which = "this cause, which is not certain" if one else "these causes, which are not all certain"
+    return f"With {which}, constants change:"
 
 
 def _looks(result: Diagnosis) -> list[str]:
@@ -364,7 +372,7 @@ def _bias(result: Diagnosis, elsewhere: bool) -> tuple[str, ...]:
     moved = [shift for shift in shifts(result) if shift.sigma > _MOVED]
     if not moved:
         return (f"No constant changed by more than {_MOVED:.0f} of its standard deviations.",)
-    found = [] if _is_sure(result) else ["With this cause, which is not certain, constants change:"]
+    found = [] if _is_sure(result) else [_uncertain(result)]
     for shift in moved[:4]:
         name = shift.name.removeprefix("tan ")
         factor, unit = PRINTED[name] if shift.name == name else (1.0, "")

@@ -231,7 +231,7 @@ class Measurement(Table):
         "bands whose points are ignored altogether"
     )
     correct_phase: bool = described("turn the phase of the sweep by 180°", False)
-    mask_faults: bool = described("leave out spikes, mains lines and the shorter side of jumps", False)
+    mask_faults: bool = described("leave out spikes, mains lines and stretches in another range", False)
     noise: RelativeNoise | None = described(
         "relative standard deviation of the noise of a point; default: estimated from the sweep"
     )

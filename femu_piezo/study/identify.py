@@ -14,7 +14,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import extend_model
-from femu_piezo.errors import InputError
+from femu_piezo.errors import InputError, TooLargeError
 from femu_piezo.files import as_json
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
@@ -196,7 +196,7 @@ def identify(
     names, values, prior = _unknowns(first)
     blocks.append(prior)
     known = identifiability(np.concatenate(blocks), names, values)
-    recommendations, notes = [], _assumed(given[0])
+    recommendations, notes = [], _assumed(given[0], first)
     for words, problem, frequency in _candidates(problems) if recommend else []:
         progress(words)
         model = _model_within(problem, float(frequency[-1]), _MOST_UNKNOWNS)
@@ -226,16 +226,19 @@ def _lossy(problem: Problem) -> Problem:
     return replace(problem, constants=constants)
 
 
-def _assumed(given: Problem) -> list[str]:
-    """A note on the free constants for which a usual loss tangent is taken."""
+def _assumed(given: Problem, used: Problem) -> list[str]:
+    """A note on free constants whose loss the file does not state: what is taken for it."""
     free = given.free(given.constants)
     lossless = [name for name, value in zip(free.names, free.start, strict=True) if value.imag == 0]
     if not lossless:
         return []
-    return [
-        f"the file states no loss tangent of {', '.join(lossless)}: {TANGENT:g} is assumed, and the deviations depend "
-        f"on it; give tan_{lossless[0]} where it is known"
-    ]
+    told, needed = f"the file states no loss tangent of {', '.join(lossless)}", f"give tan_{lossless[0]}"
+    if used.constants.tangent(lossless[0]) == 0:
+        return [
+            f"{told}, and the usual {TANGENT:g} beside the constants that are lossless makes no passive material: none "
+            f"is taken, and true deviations are larger; {needed} and the others"
+        ]
+    return [f"{told}: {TANGENT:g} is assumed, and the deviations depend on it; {needed} where it is known"]
 
 
 def _stated_noise(specimens: Sequence[Specimen]) -> float:
@@ -273,7 +276,7 @@ def _model_within(problem: Problem, top: float, most: int) -> ElectroelasticMode
     """The model of a body up to a frequency, Hz; None where it has more unknowns than `most`."""
     try:
         model = problem.model(top, _ACCURACY)
-    except InputError:  # no mesh is made that is so large
+    except TooLargeError:
         return None
     return model if model.size <= most else None
 

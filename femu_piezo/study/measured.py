@@ -110,8 +110,8 @@ class Measured:
         return start_permittivity(self.problem, self.pair, self.fitted.frequency[0], self.fitted.admittance[0])
 
 
-#: Ratio of the capacitance of a sweep to that of the body from which it is no matter of material, cable or contact.
-_ANOTHER_UNIT = 100.0
+#: Factor about 10^±3 and 10^±6 within which the capacitance of a sweep is that of the body in another unit.
+_ANOTHER_UNIT = 4.0
 #: A sweep in memory, or another file than that of the specimen.
 Sweep = ImpedanceSpectrum | Path
 
@@ -244,11 +244,12 @@ def _refuse_another_unit(spectrum: ImpedanceSpectrum, problem: Problem) -> None:
     plate, omega = problem.plate, 2 * np.pi * spectrum.frequency
     expected = problem.constants.eps33T.real * plate.electrode_area / plate.electrode_gap
     ratio = float(np.median(1 / (omega * np.abs(spectrum.impedance)))) / expected
-    if not 1 / _ANOTHER_UNIT < ratio < _ANOTHER_UNIT:
+    powers = np.array([-6.0, -3.0, 3.0, 6.0])
+    if np.any(np.abs(np.log10(ratio) - powers) < np.log10(_ANOTHER_UNIT)):
         raise InputError(
             f"{spectrum.source}: the capacitance is {ratio:.2g} times the {1e12 * expected:.3g} pF of the specimen "
-            f"{problem.specimen.name}; give the unit of the impedance, ohm or kohm, in the header, and check the "
-            "dimensions"
+            f"{problem.specimen.name}; give the unit of the impedance, ohm or kohm, in the header, or check "
+            "dimensions and contacts"
         )
 
 

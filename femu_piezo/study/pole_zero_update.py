@@ -21,10 +21,9 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import simplify
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.model_cache import Bases
-from femu_piezo.study.posterior import Posterior, mesh_error_at
+from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.problem import Problem
 from femu_piezo.study.starts import pair_names
-from femu_piezo.study.subjects import Subject
 
 #: Prior standard deviation, relative, of constants that the fundamental alone determines, and that of their tangents.
 _OPEN = 10.0
@@ -54,8 +53,8 @@ def from_poles_and_zeros(posterior: Posterior, start: PiezoConstants, *, fundame
             free = unknowns.material.free
             wide = dict.fromkeys(free.names, _OPEN)
             unknowns = replace(unknowns, prior=material_prior(free, wide, wide), readings=())
-        pairs = zip(posterior.several, posterior.models, strict=True)
-        return update_many([_modes(*both, fundamental) for both in pairs], unknowns, begin)
+        modes = [_modes(posterior, index, fundamental) for index in range(len(posterior.several))]
+        return update_many(modes, unknowns, begin)
 
     return posterior.following(start, estimate)
 
@@ -65,7 +64,8 @@ def no_history(problem: Problem) -> tuple[Step, ...]:
     return (Step(problem.constants, np.full(2, np.nan + 0j)),)
 
 
-def _modes(one: Subject, model: ExtendedModel, fundamental: bool) -> MeasuredModes:
+def _modes(posterior: Posterior, index: int, fundamental: bool) -> MeasuredModes:
+    one, model = posterior.several[index], posterior.models[index]
     measured = one.measured
     found, low_end = measured.extraction.resonances, None
     if measured.permittivity is not None:
@@ -76,7 +76,7 @@ def _modes(one: Subject, model: ExtendedModel, fundamental: bool) -> MeasuredMod
         resonances=found,
         evaluation=Evaluation(model, measured.spectrum.omega),
         share=one.share,
-        model_error=mesh_error_at(one, model, frequency),
+        model_error=posterior.mesh_error_at(index, frequency),
         low_end=low_end,
         selected=(measured.pair.pole, measured.pair.zero) if fundamental else None,
     )

@@ -13,7 +13,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
-from femu_piezo.errors import ConvergenceError, InputError
+from femu_piezo.errors import ConvergenceError, TooLargeError
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.inference.descent import COARSE
 from femu_piezo.inference.ensemble import Ensemble, together
@@ -92,14 +92,31 @@ class Posterior:
         self._around: PiezoConstants | None = None
 
     @made_once
-    def full(self) -> tuple[ElectroelasticModel, ...]:
-        """The full model of each sweep; sweeps of equal bodies share a model."""
+    def _meshes(self) -> tuple[tuple[ElectroelasticModel, float], ...]:
+        """The full model of each sweep, and the relative error of eigenvalues that its mesh was made for."""
         self._clock.step("mesh and assemble")
         return self._of_pieces(self._meshed)
 
+    @property
+    def full(self) -> tuple[ElectroelasticModel, ...]:
+        """The full model of each sweep; sweeps of equal bodies share a model."""
+        return tuple(model for model, _ in self._meshes)
+
+    def mesh_error_at(self, index: int, frequency: np.ndarray) -> np.ndarray:
+        """(k,) relative error of eigenvalues that the mesh of a sweep may have at frequencies (k,), Hz.
+
+        That of `ExtendedModel.mesh_error` where the model has it; else what its mesh was made for at the end of the
+        sweep, as ω⁴.
+        """
+        model, measured, accuracy = self.models[index], self.several[index].measured, self._meshes[index][1]
+        if model.mesh_error is not None:
+            return model.mesh_error.at(frequency)
+        end = measured.problem.equivalent_frequency(measured.band_Hz, accuracy)
+        return accuracy * (frequency / end) ** 4
+
     def mesh(self) -> None:
         """Make the full models before other work, which would be lost where one is too large (InputError)."""
-        _ = self.full
+        _ = self._meshes
 
     @property
     def unknowns(self) -> int:
@@ -201,21 +218,25 @@ class Posterior:
             made[body] = make(highest, [self.several[number] for number in numbers])
         return tuple(made[body] for body in bodies)
 
-    def _meshed(self, number: int, several: Sequence[Subject]) -> ElectroelasticModel:
+    def _meshed(self, number: int, several: Sequence[Subject]) -> tuple[ElectroelasticModel, float]:
         """The model of a body for the noise of its sweeps, or as exact as the file asks where that would be too large.
 
         Either way the error of its mesh counts in the deviations.
+
+        Returns
+        -------
+        model, and the relative error of eigenvalues that its mesh was made for
         """
         measured = self.several[number].measured
         if self._coarse:
-            return self.bases.model(measured, COARSE_MESH)
+            return self.bases.model(measured, COARSE_MESH), COARSE_MESH
         wanted, asked = mesh_accuracy(several), _asked_accuracy(several)
         try:
-            return self.bases.model(measured, wanted)
-        except InputError:
+            return self.bases.model(measured, wanted), wanted
+        except TooLargeError:
             if not wanted < asked:
                 raise
-        return self.bases.model(measured, asked)
+        return self.bases.model(measured, asked), asked
 
     def _reduced(
         self,
@@ -253,10 +274,7 @@ class Posterior:
                 [(model.estimated_error / sigma) ** 2 for sigma, model in zip(noise, self.models, strict=True)]
             ),
             mesh_error=np.concatenate(
-                [
-                    mesh_error_at(one, model, one.measured.fitted.frequency)
-                    for one, model in zip(several, self.models, strict=True)
-                ]
+                [self.mesh_error_at(index, one.measured.fitted.frequency) for index, one in enumerate(several)]
             ),
             mesh_capacitance=np.concatenate(
                 [
@@ -264,6 +282,7 @@ class Posterior:
                     for one, model in zip(several, self.models, strict=True)
                 ]
             ),
+            bodies=tuple(self.models.index(model) for model in self.models),
             noise_memory=tuple(one.noise_memory for one in several),
         )
 
@@ -301,18 +320,6 @@ def mesh_accuracy(several: Sequence[Subject]) -> float:
 
 def _asked_accuracy(several: Sequence[Subject]) -> float:
     return (several[0].problem.specimen.update or Update()).accuracy
-
-
-def mesh_error_at(one: Subject, model: ExtendedModel, frequency: np.ndarray) -> np.ndarray:
-    """(k,) relative error of eigenvalues that the mesh may have at frequencies (k,), Hz.
-
-    That of `ExtendedModel.mesh_error` where the model has it; else what was asked for at the end of the sweep, as ω⁴.
-    """
-    if model.mesh_error is not None:
-        return model.mesh_error.at(frequency)
-    accuracy, measured = mesh_accuracy([one]), one.measured
-    end = one.problem.equivalent_frequency(measured.band_Hz, accuracy)
-    return accuracy * (frequency / end) ** 4
 
 
 def _share_of_noise(several: Sequence[Subject], share: float, limits: tuple[float, float]) -> float:

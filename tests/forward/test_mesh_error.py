@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femu_piezo.forward.mesh_error import mesh_error
+from femu_piezo.forward.mesh_error import MeshError, mesh_error
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import driven_modal, reduce_model
 from femu_piezo.geometry import catalogue
@@ -13,6 +13,7 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Electrodes
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.material.library import library_material
+from femu_piezo.measurement.sweeps import SweepData
 from tests.variants import variants
 
 CONSTANTS, DENSITY = library_material("pzt-5h").constants, 7500.0
@@ -54,8 +55,8 @@ def test_no_eigenvalue_is_farther_off_than_stated(name):
 @pytest.mark.parametrize("name", ["disk", "half an electrode", pytest.param("trapezoid", marks=pytest.mark.slow)])
 def test_the_error_of_the_curve_is_as_stated(name):
     """log Z of a lossy body, against elements an order two higher, in each of 20 parts of the band: at most 1.2 times
-    ½ ε |∂log Z/∂log f| + ω |Z| δC in rms, and over the whole band at least a twentieth of that. Half an electrode also
-    drives modes of bending, hardly, whose errors are ten times as large.
+    ½ ε |1 + ∂log Z/∂log f| + ω |Z| δC in rms, and over the whole band at least a twentieth of that. Half an electrode
+    also drives modes of bending, hardly, whose errors are ten times as large.
     """
     body, band_Hz, accuracy = {**BODIES, "half an electrode": (HALF, 180e3, 1e-3)}[name]
     model = ElectroelasticModel(body.domain_for(accuracy, band_Hz, SPEED), DENSITY)
@@ -68,7 +69,10 @@ def test_the_error_of_the_curve_is_as_stated(name):
         return np.log(reduced.impedance(lossy.to_e_form(), frequency))
 
     rough, exact = curve(model), curve(ElectroelasticModel(model.domain, DENSITY, order=model.order + 2))
-    slope, charged = np.gradient(exact, np.log(frequency)), 2 * np.pi * frequency * np.exp(exact) * stated.capacitance
+    slope, charged = (
+        1 + np.gradient(exact, np.log(frequency)),
+        2 * np.pi * frequency * np.exp(exact) * stated.capacitance,
+    )
     error, allowed = np.abs(rough - exact), 0.5 * stated.at(frequency) * np.abs(slope) + np.abs(charged)
     parts = zip(np.array_split(error, 20), np.array_split(allowed, 20), strict=True)
     assert all(np.linalg.norm(one) < 1.2 * np.linalg.norm(most) + 1e-8 for one, most in parts)
@@ -81,3 +85,34 @@ def test_the_error_of_the_curve_is_as_stated(name):
 def test_quadratic_elements_have_no_estimate():
     model = ElectroelasticModel(Plate(20e-3, 5e-3, 1e-3).domain((8, 2, 1), order=2), DENSITY)
     assert mesh_error(model, CONSTANTS, 100e3) is None
+
+
+def test_a_weak_mode_counts_near_itself_alone():
+    """A strong mode of a small error beside a weak one of a large error: the weak one's counts within its width, and a
+    third of the way to it that of the strong one. A single mode has its error everywhere, at 0 Hz too.
+    """
+    both = MeshError(np.array([100e3, 130e3]), np.array([1e-6, 1e-3]), np.array([1.0, 1e-3]), 0.0)
+    near, between, at = both.at(np.array([100e3, 110e3, 130e3]))
+    assert near == pytest.approx(1e-6, rel=1e-2) and between < 2e-6 and at > 4e-4
+    one = MeshError(np.array([50e3]), np.array([2e-5]), np.array([3.0]), 0.0)
+    np.testing.assert_allclose(one.at(np.array([0.0, 49e3, 50e3, 1e6])), 2e-5, rtol=1e-12)
+
+
+def test_errors_of_the_mesh_are_common_to_the_sweeps_of_a_body():
+    """Of a capacitor in three sweeps, two of one body: the change of log Z by δC, one column for each body; a shift of
+    C along frequency changes nothing.
+    """
+    frequency, capacitance, change = np.geomspace(1e3, 1e5, 60), 1e-9, 1e-13
+    z = 1 / (2j * np.pi * frequency * capacitance)
+    each = (frequency, z, np.full(60, 1e-3), np.full(60, 1e-5), np.full(60, change))
+    f, impedance, noise, error, charge = (np.tile(one, 3) for one in each)
+    data = SweepData(
+        f, impedance, noise, True, (60, 60, 60), bodies=(0, 0, 1), mesh_error=error, mesh_capacitance=charge
+    )
+    columns = data.mesh_misses(np.full(180, -1.0 + 0j))
+    acting = columns[:, np.any(columns != 0, axis=0)]
+    exact = np.log(1 / (2j * np.pi * frequency * (capacitance + change)) / z).real * np.sqrt(2) / 1e-3
+    assert acting.shape == (360, 2)
+    np.testing.assert_allclose(acting[:120, 0], np.tile(exact, 2), rtol=1e-3)
+    np.testing.assert_allclose(acting[120:180, 1], exact, rtol=1e-3)
+    assert not np.any(acting[120:180, 0]) and not np.any(acting[:120, 1]) and np.max(np.abs(acting[180:])) < 1e-9

@@ -137,17 +137,17 @@ def test_largest_parts_are_those_of_the_formulas_of_the_bar(lab, found):
 
 
 def test_mesh_error_moves_what_is_fitted_as_a_shift_of_frequency_does(lab):
-    """The part of the mesh against refits of sweeps shifted along frequency by half the relative error of λ, band by
-    band.
+    """The part of the mesh against refits of sweeps whose C = 1/(jω Z) is shifted along frequency by half the relative
+    error of λ, band by band.
     """
     error, ideal = 2e-4, lab.ideal
     x = lab.material.x_of(lab.free.start)
     data = lab.measured(lab.evaluation.impedance(ideal, x), 1, noise=1e-5)
     plain = fit(lab.evaluation, data, ideal, [x])
     found = fit(lab.evaluation, replace(data, mesh_error=np.full(data.frequency.size, error)), ideal, [x])
-    shifted_sweep = data.impedance * (
-        lab.evaluation.at(1 - error / 2).impedance(ideal, x) / lab.evaluation.impedance(ideal, x)
-    )
+    shift = 1 - error / 2
+    change = lab.evaluation.at(shift).impedance(ideal, x) / lab.evaluation.impedance(ideal, x)
+    shifted_sweep = data.impedance * shift * change
     moved = []
     for band in data.bands():
         impedance = data.impedance.copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -97,7 +98,7 @@ def test_spikes_are_found_and_nothing_else(points: int, material: dict) -> None:
     assert hits >= 19
 
 
-@pytest.mark.parametrize("stretch", [(150, 180), (60, 170)])
+@pytest.mark.parametrize("stretch", [(150, 180), (60, 170), (120, 300)])
 def test_a_stretch_in_another_range_is_left_out_alone(stretch) -> None:
     """Between a jump and a jump back: the readings on both sides stay, wherever the fundamental is."""
     frequency, impedance = noisy(401, 1e-3, SOFT, 1)
@@ -106,6 +107,18 @@ def test_a_stretch_in_another_range_is_left_out_alone(stretch) -> None:
     (fault,) = faults
     assert fault.kind == "jump" and fault.indices.tolist() == list(range(*stretch))
     assert " Hz and back between " in fault.message
+
+
+def test_stairs_are_told_as_they_are() -> None:
+    """Two steps up, the longest stretch first: nothing jumps back, and each stretch is told with its own step."""
+    frequency, impedance = noisy(401, 1e-3, SOFT, 1)
+    impedance[200:300] *= np.exp(0.03)
+    impedance[300:] *= np.exp(0.07)
+    first, second = local_faults(ImpedanceSpectrum(frequency, impedance))
+    assert first.indices.tolist() == list(range(200, 300)) and second.indices.tolist() == list(range(300, 401))
+    assert " and by " not in first.message and " back " not in first.message
+    sizes = [float(re.search(r"jumps (?:by|.* and by) (\S+)%", fault.message)[1]) for fault in (first, second)]
+    assert sizes == pytest.approx([100 * np.expm1(0.03), 100 * np.expm1(0.04)], abs=0.3)
 
 
 @pytest.mark.kernels

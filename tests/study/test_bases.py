@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from femu_piezo.errors import InputError
+from femu_piezo.errors import TooLargeError
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Simulation, read_specimen
@@ -161,14 +161,14 @@ def test_a_mesh_for_the_noise_that_is_too_large_is_replaced_by_one_for_the_file(
         def model(self, one, accuracy):
             asked.append(accuracy)
             if accuracy in refused:
-                raise InputError("the mesh would have too many entries")
+                raise TooLargeError("the mesh would have too many entries")
             return super().model(one, accuracy)
 
     monkeypatch.setattr("femu_piezo.study.posterior.mesh_accuracy", lambda several: 1e-5)
     posterior = Posterior([subject], Clock(lambda step: None), Small())
     posterior.mesh()
-    assert asked == [1e-5, 1e-4] and posterior.full[0].size > 0
+    assert asked == [1e-5, 1e-4] and posterior.full[0].size > 0 and posterior._meshes[0][1] == 1e-4
     refused.add(1e-4)
-    with pytest.raises(InputError, match="too many entries"):
+    with pytest.raises(TooLargeError, match="too many entries"):
         update_measured([subject.measured], Clock(lambda step: None), Small())
     assert asked[2:] == [1e-5, 1e-4]  # no model of a start

@@ -226,3 +226,12 @@ def test_a_further_measurement_of_a_large_model_is_not_compared(monkeypatch, tmp
     result = fp.identify(tmp_path / "k31.toml", 1e-3)
     assert any(re.match(r"a square plate 20 .* is not among the measurements compared", note) for note in result.notes)
     assert len(result.recommendations) == 2 and not any("square" in one.measurement for one in result.recommendations)
+
+
+def test_losses_that_cannot_be_assumed_are_told(tmp_path):
+    """Lossless ε33T alone with a loss makes no passive material here: none is taken, and the note says so."""
+    body = BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz")
+    body = re.sub(r"tan_.*\n", "", body).replace("[simulation]", 'free = ["d31", "eps33T"]\n[simulation]')
+    (tmp_path / "k31.toml").write_text(body, encoding="utf-8")
+    (note,) = fp.identify(tmp_path / "k31.toml", 1e-3, recommend=False).notes
+    assert "makes no passive material: none is taken, and true deviations are larger" in note

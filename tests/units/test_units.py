@@ -59,6 +59,8 @@ def test_known_quantities(value: object, unit: str, si: float) -> None:
         ("40 MM", "m", "did you mean 'mm'?"),
         ("30 mn", "m", "did you mean 'mm' or 'cm' or 'm'?"),
         ("8 kk/m^3", "kg/m^3", "did you mean 'kg'"),
+        ("7800 foo", "kg/m^3", 'give a number in kg/m^3 or a string such as "7900 kg/m^3"'),
+        ("3 foo", "C/N", "give a number in C/N"),
         ("20 degC", "m", "not known"),
         ("40,5 mm", "m", "decimal point"),
         ("1_000 mm", "m", "separators"),

@@ -28,7 +28,7 @@ class Diagnosed(Result, Diagnosis):
     `result.of(1)` shows the second.
     """
 
-    files: ClassVar[tuple[str, ...]] = ("diagnosis.png", "curves.csv", "report.html", "extended.toml", "measured.csv")
+    files: ClassVar[tuple[str, ...]] = ("diagnosis.png", "curves.csv", "report.html")
 
     @property
     def causes(self) -> tuple[Cause, ...]:
