@@ -600,9 +600,9 @@ def modes(
     """Draw the driven modes of the specimen SPEC: poles and zeros, mode shapes, k_eff.
 
     Writes modes.json, mode_01.png, mode_02.png … and modes.png with all of them; with --animate mode_01.gif …, with
-    --html modes.html, with --vtu mode_01.vtu …, with --mesh mesh.msh and mesh.inp. Constants,
-    dimensions and density are those of the specimen with its [effects]; the values of the tables [fitted], if there
-    are any, replace those of the other tables.
+    --html modes.html, with --vtu mode_01.vtu …, with --mesh mesh.msh and mesh.inp. Constants, dimensions and
+    density are those of the specimen with its [effects]; the values of the tables [fitted], if there are any, replace
+    those of the other tables.
     """
     from femu_piezo.api import modes as run
     from femu_piezo.specimen.file import read_specimen

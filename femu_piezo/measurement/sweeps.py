@@ -122,24 +122,19 @@ class SweepData:
         With C = 1/(jω Z), a relative error ε of eigenvalues shifts C along frequency, independently in each band of the
         sweeps of a body: ½ ε (1 + ∂log Z/∂log f), log_slope (k,) complex. An error δC of the capacitance is −jω Z δC.
         """
-        errors: dict[tuple[int, int], np.ndarray] = {}
-        shifted = 0.5 * self.mesh_error * (1 + log_slope) if self.mesh_error.size else None
-        charged = (
-            -2j * np.pi * self.frequency * self.impedance * self.mesh_capacitance
-            if self.mesh_capacitance.size
-            else None
-        )
-
-        def add(kind: tuple[int, int], points: np.ndarray, error: np.ndarray | None) -> None:
-            if error is not None:
-                errors.setdefault(kind, np.zeros(self.impedance.size, dtype=complex))[points] = error[points]
-
-        for sweep, body in zip(self.sweeps, self.bodies or range(len(self.sweeps)), strict=True):
-            for number, band in enumerate(np.array_split(sweep, _BANDS)):
-                add((body, number), band, shifted)
-            add((body, _BANDS), sweep, charged)
-        found = np.array(list(errors.values()), dtype=complex).reshape(-1, self.impedance.size)
-        return stacked(self.over_noise(found.T))
+        size, bodies = self.impedance.size, self.bodies or range(len(self.sweeps))
+        found = np.zeros((size, max(bodies) + 1, _BANDS + 1), dtype=complex)
+        if self.mesh_error.size:
+            shifted = 0.5 * self.mesh_error * (1 + log_slope)
+            for number, band in enumerate(self.bands()):
+                sweep, place = divmod(number, _BANDS)
+                found[band, bodies[sweep], place] = shifted[band]
+        if self.mesh_capacitance.size:
+            charged = -2j * np.pi * self.frequency * self.impedance * self.mesh_capacitance
+            for body, points in zip(bodies, self.sweeps, strict=True):
+                found[points, body, _BANDS] = charged[points]
+        acting = found.reshape(size, -1)
+        return stacked(self.over_noise(acting[:, np.any(acting, axis=0)]))
 
     def whitened(self, impedance: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual (2k,) = (log Z_model − log Z)/σ as Re, Im, and its Jacobian (2k, n_x).

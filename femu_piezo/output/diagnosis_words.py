@@ -156,7 +156,7 @@ def _headline(result: Diagnosis) -> str:
     if word == "effect":
         likely = _likely(result.verdict.causes)
         words = f"{'causes' if len(likely) > 1 else 'cause'} of the misfit:"
-        if all(one.probability >= _VERY_LIKELY for one in likely):
+        if _are_sure(likely):
             return f"{sentence_case(words)} {names_of(likely)}."
         each = [f"{names_of([one])} (probability {one.probability:.2f})" for one in likely]
         return f"Possible {words} {listed(each)}."
@@ -176,9 +176,9 @@ def _likely(causes: Sequence[Cause]) -> list[Cause]:
     return found or [max(causes, key=lambda cause: cause.probability)]
 
 
-def _is_sure(result: Diagnosis) -> bool:
-    """Whether every named cause is very likely, so that the constants with them may be used."""
-    return all(cause.probability >= _VERY_LIKELY for cause in result.verdict.causes)
+def _are_sure(causes: Sequence[Cause]) -> bool:
+    """Whether every cause is very likely."""
+    return all(cause.probability >= _VERY_LIKELY for cause in causes)
 
 
 def _uncertain(result: Diagnosis) -> str:
@@ -263,16 +263,11 @@ def _cause(cause: Cause) -> str:
 
 
 def _resonances(result: Diagnosis) -> list[str]:
-    """Sentences on measured and simulated resonances without partner in the final model.
-
-    None where a cause is how the sweep was taken: resonances that bend or drift look like several, or like none.
-    """
-    if any(cause.effect.acquisition is not None for cause in result.verdict.causes):
-        return []
-    final, found = result.pole_zero[1], []
+    """Sentences on measured and simulated resonances without partner in the final model."""
+    (unexplained, extra), found = result.without_partner, []
     for kind, resonances, words in (
-        ("measured", final.unexplained, "the simulation does not have"),
-        ("simulated", final.extra, "the measurement does not show"),
+        ("measured", unexplained, "the simulation does not have"),
+        ("simulated", extra, "the measurement does not show"),
     ):
         if resonances:
             places = listed([f"{r.frequency_Hz / 1e3:.5g} kHz ({r.kind})" for r in resonances[:4]])
@@ -372,7 +367,7 @@ def _bias(result: Diagnosis, elsewhere: bool) -> tuple[str, ...]:
     moved = [shift for shift in shifts(result) if shift.sigma > _MOVED]
     if not moved:
         return (f"No constant changed by more than {_MOVED:.0f} of its standard deviations.",)
-    found = [] if _is_sure(result) else [_uncertain(result)]
+    found = [] if _are_sure(result.verdict.causes) else [_uncertain(result)]
     for shift in moved[:4]:
         name = shift.name.removeprefix("tan ")
         factor, unit = PRINTED[name] if shift.name == name else (1.0, "")
@@ -425,7 +420,7 @@ def _measures(result: Diagnosis) -> tuple[str, ...]:
         these, right = ("these causes", "they are right") if several else ("this cause", "it is right")
         file = f"extended.toml, the specimen file with {these} and the corrected constants"
         first = f"Continue with {file}: simulate, update and diagnose accept it like any other."
-        if not _is_sure(result):
+        if not _are_sure(result.verdict.causes):
             first = f"Confirm {these} before using the constants: {file}, holds only if {right}."
     else:
         first = "Do not rely on the constants before the cause is known; look at the residual where it is largest."

@@ -114,12 +114,10 @@ def _resonance_table(residuals: PoleZeroResiduals, caption: str, when: str) -> s
 
 
 def _without_partner(result: Diagnosis) -> list[str]:
-    final, found = result.pole_zero[1], []
-    if any(cause.effect.acquisition is not None for cause in result.verdict.causes):
-        return found  # resonances that bend or drift look like several, or like none
+    (unexplained, extra), found = result.without_partner, []
     for resonances, words in (
-        (final.unexplained, "measured, but not in the simulation"),
-        (final.extra, "simulated, but not in the measurement"),
+        (unexplained, "measured, but not in the simulation"),
+        (extra, "simulated, but not in the measurement"),
     ):
         found += [f"{r.kind} at {r.frequency_Hz / 1e3:.6g} kHz, Q {r.quality_factor:.3g}: {words}" for r in resonances]
     return found

@@ -258,16 +258,17 @@ class Measurement(Table):
         load = 0.0 if self.load is None else self.load.std or 0.0
         return math.hypot(self.stated("accuracy"), load)
 
-    def of_corrected(self, file: Path | None) -> Measurement:
-        """This table for a file that this program writes of the sweep after all corrections that are asked for here.
+    @property
+    def of_corrected(self) -> Measurement:
+        """This table for a sweep after all corrections that it asks for, as this program writes it.
 
-        No correction is asked for once more, and nothing of how the file before was laid out.
+        No correction is asked for once more, and nothing of how a file was laid out; no file is named.
         """
         corrections = ("correct_phase", "mask_faults", "mask", "open", "short", "load", "connection", "columns")
         changes: dict[str, Any] = {key: type(self).model_fields[key].get_default() for key in corrections}
         if self.load is not None and self.load.std:
             changes["accuracy"] = self.magnitude_std
-        return self.model_copy(update=changes | {"file": file})
+        return self.model_copy(update=changes | {"file": None})
 
     def problem(self) -> str | None:
         if self.held_out is not None and not self.held_out[0] < self.held_out[1]:

@@ -47,15 +47,12 @@ def contradicted(found: Fit) -> list[str]:
 
 def at_limits(found: Fit) -> list[str]:
     """A note on the unknowns that ended at a limit of their range."""
-    constants = [name for name in found.on_bound if name in found.parameters.material.names]
-    others = [
-        _label(effect, number, found.data.frequency)
-        for effect in found.parameters.effects
-        for number, parameter in enumerate(effect.parameters)
-        if f"{effect.key}.{parameter.name}" in found.on_bound
-    ]
-    ended = [*constants, *others]
-    return [f"{', '.join(ended)} reached a limit of the range that the fit allows"] if ended else []
+    unknowns = found.parameters
+    constants = [name for name in unknowns.material.names if name in found.on_bound]
+    ended = np.flatnonzero(unknowns.on_bound(found.x)[unknowns.of_material :]) if found.on_bound else []
+    every = [(effect, number) for effect in unknowns.effects for number in range(len(effect.parameters))]
+    told = [*constants, *(_label(*every[place], found.data.frequency) for place in ended)]
+    return [f"{', '.join(told)} reached a limit of the range that the fit allows"] if told else []
 
 
 def _label(effect: Effect, number: int, frequency: np.ndarray) -> str:

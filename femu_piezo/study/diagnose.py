@@ -26,6 +26,7 @@ from femu_piezo.inference.readings import contradictions
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.resonances import Resonance
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.comparing import compare_causes
@@ -203,6 +204,17 @@ class Diagnosis:
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
         """Poles and zeros of the sweep shown against those of base and final model."""
         return self.sweeps[self.shown].pole_zero
+
+    @property
+    def without_partner(self) -> tuple[tuple[Resonance, ...], tuple[Resonance, ...]]:
+        """Clear resonances that the sweep alone has, then those that the final model alone has.
+
+        None where a cause is how the sweep was taken: resonances that bend or drift look like several, or like none.
+        """
+        if any(cause.effect.acquisition is not None for cause in self.verdict.causes):
+            return (), ()
+        final = self.pole_zero[1]
+        return final.unexplained, final.extra
 
     @made_once
     def before(self) -> dict[str, Estimate]:

@@ -199,7 +199,7 @@ def identify(
     recommendations, notes = [], _assumed(given[0], first)
     for words, problem, frequency in _candidates(problems) if recommend else []:
         progress(words)
-        model = _model_within(problem, float(frequency[-1]), _MOST_UNKNOWNS)
+        model = _affordable_model(problem, float(frequency[-1]))
         if model is None:
             notes.append(f"{words} is not among the measurements compared: its model would take minutes and gigabytes")
             continue
@@ -209,8 +209,17 @@ def identify(
     recommendations.sort(key=lambda item: (-len(item.gained), sum(np.log(list(item.std.values())))))
     names = tuple(problem.specimen.name for problem in problems)
     settings = noise_study(subjects, evaluations, noise, study, progress=progress) if study else ()
-    found = (tuple(pictures), tuple(recommendations), expected, settings, where, tuple(notes))
-    return IdentifyResult(names, noise, known, *found)
+    return IdentifyResult(
+        names=names,
+        noise=noise,
+        known=known,
+        sensitivities=tuple(pictures),
+        recommendations=tuple(recommendations),
+        expected=expected,
+        study=settings,
+        plan=where,
+        notes=tuple(notes),
+    )
 
 
 def _lossy(problem: Problem) -> Problem:
@@ -272,13 +281,13 @@ def _evaluation(
     return Evaluation(reduced, 2 * np.pi * frequency)
 
 
-def _model_within(problem: Problem, top: float, most: int) -> ElectroelasticModel | None:
-    """The model of a body up to a frequency, Hz; None where it has more unknowns than `most`."""
+def _affordable_model(problem: Problem, top: float) -> ElectroelasticModel | None:
+    """The model of a body up to a frequency, Hz; None where it has more than `_MOST_UNKNOWNS`."""
     try:
         model = problem.model(top, _ACCURACY)
     except TooLargeError:
         return None
-    return model if model.size <= most else None
+    return model if model.size <= _MOST_UNKNOWNS else None
 
 
 def _jacobian(evaluation: Evaluation, name: str, first: Problem, noise: float) -> tuple[np.ndarray, Sensitivity]:

@@ -112,6 +112,8 @@ class Measured:
 
 #: Factor about 10^±3 and 10^±6 within which the capacitance of a sweep is that of the body in another unit.
 _ANOTHER_UNIT = 4.0
+#: Tables of which that of the first specimen counts for all, in the order in which notes tell it.
+_TABLES = ("[material]", "[update]", "[measurement] on instrument and fixture")
 #: A sweep in memory, or another file than that of the specimen.
 Sweep = ImpedanceSpectrum | Path
 
@@ -143,18 +145,22 @@ def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None 
 def tables_of_the_first(measured: Sequence[Measured]) -> tuple[str, ...]:
     """Notes on what files of further specimens state otherwise than the first, which alone counts.
 
-    That is [material], [update], and of [measurement] the accuracy of the instrument and the residue of the fixture.
+    That is [material], [update], and of [measurement] the accuracy of the instrument and the residue of the fixture, as
+    the first specimen in each fixture states them.
     """
-    first, others = measured[0], {one.piece.name: one for one in measured if one.piece is not measured[0].piece}
-    told: dict[str, list[str]] = {"[material]": [], "[update]": [], "[measurement] on instrument and fixture": []}
-    for name, other in others.items():
-        for words, differs in zip(told.values(), (_of_material, _of_rules, _of_instrument), strict=True):
-            if found := differs(first, other):
-                words.append(f"that of {name}, which {' and '.join(found)}, does not")
+    first, fixtures = measured[0], {}
+    told: dict[tuple[str, str], dict[str, list[str]]] = {}  # table, whose it is → name of another specimen → words
+    for other in measured:
+        leading = fixtures.setdefault(other.conditions.fixture, other)
+        owners = (first, first, leading)
+        for table, owner, differs in zip(_TABLES, owners, (_of_material, _of_rules, _of_instrument), strict=True):
+            words = [] if owner.piece is other.piece else differs(owner, other)
+            if words:
+                told.setdefault((table, owner.piece.name), {})[other.piece.name] = words
     return tuple(
-        f"the table {table} of {first.piece.name} counts for all specimens; {'; '.join(words)}"
-        for table, words in told.items()
-        if words
+        f"the table {table} of {owner} counts for all specimens; "
+        + "; ".join(f"that of {name}, which {' and '.join(words)}, does not" for name, words in others.items())
+        for (table, owner), others in sorted(told.items(), key=lambda item: _TABLES.index(item[0][0]))
     )
 
 
@@ -171,24 +177,22 @@ def _of_material(first: Measured, other: Measured) -> list[str]:
 
 
 def _of_rules(first: Measured, other: Measured) -> list[str]:
-    """What [update] of another specimen asks otherwise, in words; nothing where it has no such table."""
-    if other.piece.update is None:
-        return []
-    rules = first.piece.update or Update()
-    keys = [key for key in Update.model_fields if getattr(rules, key) != getattr(other.piece.update, key)]
+    """What [update] of another specimen asks otherwise, in words; keys that it leaves out ask nothing."""
+    asked, rules = other.piece.update or Update(), first.piece.update or Update()
+    given = (key for key in Update.model_fields if key in asked.model_fields_set)
+    keys = [key for key in given if getattr(rules, key) != getattr(asked, key)]
     return [f"has another {' and '.join(keys)}"] if keys else []
 
 
-def _of_instrument(first: Measured, other: Measured) -> list[str]:
-    """What [measurement] of another specimen states otherwise of the instrument, and of the same fixture, in words."""
-    same_fixture = first.conditions.fixture == other.conditions.fixture
-
-    def stated(one: Measured) -> dict[str, Any]:
-        table = one.piece.measurement or Measurement()
-        found = {"accuracy": table.magnitude_std, "phase_accuracy": table.stated("phase_accuracy")}
-        return found | ({"residue": table.residue or Residue()} if same_fixture else {})
-
-    keys = [key for key, value in stated(other).items() if value != stated(first)[key]]
+def _of_instrument(leading: Measured, other: Measured) -> list[str]:
+    """What [measurement] of another specimen in the same fixture states otherwise, in words; not what it leaves out."""
+    mine, its = (one.piece.measurement or Measurement() for one in (leading, other))
+    differs = {
+        "accuracy": (its.accuracy is not None or its.load is not None) and its.magnitude_std != mine.magnitude_std,
+        "phase_accuracy": its.phase_accuracy is not None and its.phase_accuracy != mine.stated("phase_accuracy"),
+        "residue": its.residue is not None and its.residue != (mine.residue or Residue()),
+    }
+    keys = [key for key, found in differs.items() if found]
     return [f"states another {' and '.join(keys)}"] if keys else []
 
 

@@ -393,6 +393,11 @@ def test_update_and_deviations_of_the_first_specimen_count_for_all(bench):
         "the table [measurement] on instrument and fixture of a counts for all specimens; that of b, which states "
         "another accuracy and residue, does not",
     )
+    silent = replace(measured[1], piece=first.model_copy(update={"name": "c"}))
+    assert tables_of_the_first([measured[1], silent])[1:] == ()  # c states nothing of rules, instrument or fixture
+    in_g = [replace(one, conditions=replace(one.conditions, fixture="G")) for one in measured]
+    assert len(tables_of_the_first([measured[0], in_g[1]])) == 2  # b is the first in its fixture
+    assert tables_of_the_first([measured[0], in_g[1], in_g[0], measured[1]])[2:] == tables_of_the_first(measured)[2:]
     a, b = (tolerances(one.problem) for one in measured)
     assert a.keys() == b.keys() and "length" in b
     assert tables_of_the_first(measured[:1]) == () == tables_of_the_first([measured[0], replace(measured[0])])

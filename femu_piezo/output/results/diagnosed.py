@@ -117,7 +117,7 @@ class Diagnosed(Result, Diagnosis):
                 write_spectrum(self.sweeps[index].spectrum, file)
         table = extended.measurement or Measurement()
         if in_memory:
-            table = table.of_corrected(None)
+            table = table.of_corrected
         if extended.sweep is None:
             return extended.model_copy(update={"measurement": table.model_copy(update={"file": files[0]})})
         sweeps = zip(extended.sweep, files, strict=True)
