@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import lapack
@@ -146,6 +147,39 @@ def residual(model: RationalModel, data: NormalisedSweep) -> np.ndarray:
     return data.weight * (model.charge(data.x) / data.charge - 1)
 
 
+@dataclass(frozen=True)
+class _Trial:
+    """A model that a fit tries, with its `residual`.
+
+    columns : (n, M + d + 1) of the model at the points of the data;  misfit : Σ|residual|²
+    """
+
+    model: RationalModel
+    data: NormalisedSweep
+    columns: np.ndarray
+    residual: np.ndarray
+    misfit: float
+
+    @classmethod
+    def of(cls, model: RationalModel, data: NormalisedSweep, columns: np.ndarray | None = None) -> _Trial:
+        """columns : those of the model where they are known, as of one with the same poles"""
+        columns = model.columns(data.x) if columns is None else columns
+        residual = data.weight * (columns @ model.linear / data.charge - 1)
+        return cls(model, data, columns, residual, _power(residual))
+
+    def triangle(self) -> np.ndarray:
+        """(k + 1, k + 1) R of the QR factors of the Jacobian of the residual (n, k), and of the residual."""
+        m, whole = self.model.poles.size, np.empty((len(self.data), self.model.size + 1), dtype=complex, order="F")
+        whole[:, m:-1] = (self.data.weight / self.data.charge)[:, None] * self.columns
+        whole[:, :m] = -self.model.residues * self.columns[:, :m] * whole[:, m : 2 * m]
+        whole[:, -1] = self.residual
+        return _triangle(whole)
+
+    @property
+    def fit(self) -> Fit:
+        return Fit(self.model, self.data, self.residual, self.misfit)
+
+
 def fit(
     model: RationalModel,
     data: NormalisedSweep,
@@ -163,31 +197,34 @@ def fit(
     stay above `least`, the most that is of use: where it exceeds `least` by more than `_HOPE` times the larger of the
     fall by the last step and the fall that the linearised problem still promises.
     """
-    row, size = (data.weight / data.charge)[:, None], model.size
-    r = residual(model, data)
-    cost, damping, fall = _power(r), 1e-3, np.inf
+    return _descended(_Trial.of(model, data), tolerance, max_steps, least).fit
+
+
+def _descended(here: _Trial, tolerance: float, max_steps: int, least: float) -> _Trial:
+    """`fit` from a trial."""
+    size, damping, fall = here.model.size, 1e-3, np.inf
     for _ in range(max_steps):
-        triangle = _triangle(row * model.jacobian(data.x), r)
-        upper, target = np.triu(triangle[:size, :size]), -triangle[:size, size]
-        if cost - _HOPE * max(_power(target), fall) > least:
+        triangle = here.triangle()
+        upper, target = triangle[:size, :size], -triangle[:size, size]
+        if here.misfit - _HOPE * max(_power(target), fall) > least:
             break
         lower, growth = np.diag(np.linalg.norm(upper, axis=0)), 2.0
         while damping < MAX_DAMPING:
             step = _damped(upper, target, np.sqrt(damping) * lower)
-            trial = model.with_parameters(model.parameters + step)
-            r = residual(trial, data)
-            if (power := _power(r)) < cost:
+            there = _Trial.of(here.model.with_parameters(here.model.parameters + step), here.data)
+            if there.misfit < here.misfit:
                 break
             damping, growth = damping * growth, 2 * growth
         else:
             break
         promised = _power(target) - _power(upper @ step - target)
-        share = (cost - power) / promised if promised > 0 else 1.0
+        fall = here.misfit - there.misfit
+        share = fall / promised if promised > 0 else 1.0
         damping *= max(0.1, 1 - (2 * share - 1) ** 3)
-        fall, before, cost, model = cost - power, cost, power, trial
+        before, here = here.misfit, there
         if fall < tolerance * before:
             break
-    return _as_fit(model, data)
+    return here
 
 
 def _damped(upper: np.ndarray, target: np.ndarray, lower: np.ndarray) -> np.ndarray:
@@ -196,22 +233,24 @@ def _damped(upper: np.ndarray, target: np.ndarray, lower: np.ndarray) -> np.ndar
     Where the system is singular, as with a column of zeros, the solution is that of least norm.
     """
     count = target.size
-    system, aim = np.zeros((2 * count, count), dtype=complex), np.zeros(2 * count, dtype=complex)
-    system[:count], system[count:], aim[:count] = upper, lower, target
-    triangle = _triangle(system, aim)
+    system = np.zeros((2 * count, count + 1), dtype=complex, order="F")
+    system[:count, :count], system[count:, :count], system[:count, count] = upper, lower, target
+    triangle = _triangle(system.copy(order="F"))
     step, singular = lapack.ztrtrs(triangle[:count, :count], triangle[:count, count])
-    return np.linalg.lstsq(system, aim, rcond=None)[0] if singular else step
+    return np.linalg.lstsq(system[:, :count], system[:, count], rcond=None)[0] if singular else step
 
 
-def _triangle(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(k + 1, k + 1) R of the QR factors of [matrix (m, k), right (m,)], with the same least squares in k + 1 rows.
+def _triangle(matrix: np.ndarray) -> np.ndarray:
+    """R (k, k) of the QR factors of a matrix (m, k) of m > k, in Fortran's order, which is overwritten."""
+    found = lapack.zgeqrf(matrix, overwrite_a=True)[0][: matrix.shape[1]]
+    found[_below_diagonal(*found.shape)] = 0  # the reflectors of Q
+    return found
 
-    R is the upper triangle of the result; below it stand the reflectors of Q.
-    """
-    rows, count = matrix.shape
-    augmented = np.empty((rows, count + 1), dtype=complex, order="F")
-    augmented[:, :count], augmented[:, count] = matrix, right
-    return lapack.zgeqrf(augmented, overwrite_a=True)[0][: count + 1]
+
+@lru_cache(maxsize=64)
+def _below_diagonal(rows: int, columns: int) -> np.ndarray:
+    """(rows, columns) bool."""
+    return np.tri(rows, columns, k=-1, dtype=bool)
 
 
 def _power(r: np.ndarray) -> float:
@@ -220,18 +259,24 @@ def _power(r: np.ndarray) -> float:
 
 def solve_linear(model: RationalModel, data: NormalisedSweep) -> Fit:
     """The fit of residues and background by linear least squares, with the poles held fixed."""
-    m = model.poles.size
-    columns = (data.weight / data.charge)[:, None] * model.jacobian(data.x)[:, m:]
-    linear = _least_squares(columns, data.weight.astype(complex))
-    return _as_fit(model.with_parameters(np.concatenate([model.poles, linear])), data)
+    return _linear(model, data).fit
+
+
+def _linear(model: RationalModel, data: NormalisedSweep) -> _Trial:
+    """`solve_linear`, as a trial."""
+    columns = model.columns(data.x)
+    linear = _least_squares((data.weight / data.charge)[:, None] * columns, data.weight.astype(complex))
+    return _Trial.of(model.with_parameters(np.concatenate([model.poles, linear])), data, columns)
 
 
 def _least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """(k,) solution of least norm of matrix (m, k) x = right (m,); by singular values where columns are dependent."""
-    count = matrix.shape[1]
+    rows, count = matrix.shape
     size = np.linalg.norm(matrix, axis=0)
-    if matrix.shape[0] > count and np.all(size > 0):
-        triangle = _triangle(matrix / size, right)
+    if rows > count and np.all(size > 0):
+        whole = np.empty((rows, count + 1), dtype=complex, order="F")
+        whole[:, :count], whole[:, count] = matrix / size, right
+        triangle = _triangle(whole)
         if np.min(np.abs(np.diag(triangle)[:count])) > _ALIKE:
             return lapack.ztrtrs(triangle[:count, :count], triangle[:count, count])[0] / size
     return np.linalg.lstsq(matrix, right, rcond=None)[0]
@@ -245,8 +290,8 @@ def refit(
     least: float = np.inf,
 ) -> Fit:
     """`fit` from the poles of a model alone: residues and background start from `solve_linear`."""
-    linear = solve_linear(model, data)
-    return fit(linear.model, data, tolerance, max_steps, least) if model.poles.size else linear
+    linear = _linear(model, data)
+    return (_descended(linear, tolerance, max_steps, least) if model.poles.size else linear).fit
 
 
 def correlation(residual: np.ndarray) -> complex:
@@ -254,8 +299,3 @@ def correlation(residual: np.ndarray) -> complex:
     before, after = residual[:-1], residual[1:]
     power = float(np.sum(np.abs(before) ** 2 + np.abs(after) ** 2))
     return complex(2 * np.sum(after * before.conj()) / power) if power > 0 else 0j
-
-
-def _as_fit(model: RationalModel, data: NormalisedSweep) -> Fit:
-    r = residual(model, data)
-    return Fit(model, data, r, _power(r))

@@ -81,6 +81,11 @@ class RationalModel:
         return np.concatenate([self.poles, self.residues, self.background])
 
     @property
+    def linear(self) -> np.ndarray:
+        """(M + d + 1,) complex: residues, background, in which the charge is linear."""
+        return np.concatenate([self.residues, self.background])
+
+    @property
     def size(self) -> int:
         """Number of complex parameters."""
         return 2 * self.poles.size + self.background.size
@@ -105,13 +110,18 @@ class RationalModel:
         stretch = 2 * self.axis.eigenvalue(x) / self.axis.half_width
         return -1 - stretch * self.charge_slope(x) / self.charge(x)
 
+    def columns(self, x: np.ndarray) -> np.ndarray:
+        """(n, M + d + 1) ∂charge/∂linear at x (n,): 1/(z_m − x), then T_k(x)."""
+        m = self.poles.size
+        found = np.empty((x.size, m + self.background.size), dtype=complex)
+        found[:, :m] = 1 / (self.poles - x[:, None])
+        found[:, m:] = _polynomials(x, self.background.size).T
+        return found
+
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """(n, 2M + d + 1) exact ∂charge/∂parameters (holomorphic, so complex numbers suffice)."""
-        gap, m = 1.0 / (self.poles - np.asarray(x)[:, None]), self.poles.size
-        found = np.empty((len(gap), self.size), dtype=complex)
-        found[:, :m], found[:, m : 2 * m] = -self.residues * gap**2, gap
-        found[:, 2 * m :] = _polynomials(x, self.background.size).T
-        return found
+        columns = self.columns(np.asarray(x))
+        return np.concatenate([-self.residues * columns[:, : self.poles.size] ** 2, columns], axis=1)
 
     def admittance(self, omega: np.ndarray) -> np.ndarray:
         """Y(ω), siemens."""

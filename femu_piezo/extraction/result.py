@@ -62,10 +62,15 @@ class Extraction:
     spread: Spread | None = field(default=None, repr=False)
     doubtful: tuple[Resonance, ...] = ()
 
+    @property
+    def fundamental(self) -> Pair | None:
+        """The pair of the fundamental, whose figures can be read; None where no pole has its zero."""
+        return None if self.model is None else fundamental(self.pairs)
+
     @made_once
     def figures(self) -> StandardFigures | None:
-        """Standard figures of the fundamental that need no shape of the body; None where no pole has its zero."""
-        pair = fundamental(self.pairs)
+        """Standard figures of the fundamental that need no shape of the body; None where there is none."""
+        pair = self.fundamental
         if pair is None or self.model is None:
             return None
         piece = Piece("other", 1.0, None, None, 1.0)
@@ -101,7 +106,7 @@ class Extraction:
     def remarks(self) -> tuple[str, ...]:
         """A sentence for each pair whose quality factors differ; and why there are no figures, where there are none."""
         told = tuple(p.remark for p in self.pairs if p.remark)
-        if self.pairs and self.figures is None:
+        if self.pairs and self.fundamental is None:
             told += (
                 "no pole of this sweep was paired with a zero above it (as where an admittance is given as an "
                 "impedance), so there are no standard figures and no k_eff",

@@ -238,7 +238,7 @@ def _analysed(specimen: Specimen, spectrum: Sweep | None) -> _Analysed:
     problem = prepare(specimen.model_copy(update={"measurement": wish}), check=False)
     fitted = _without_held_out(spectrum, wish.held_out, str(specimen.path or specimen.name))
     found = extract(fitted)
-    if found.figures is not None:  # what is no impedance has none
+    if found.fundamental is not None:  # what is no impedance has none
         _refuse_another_unit(spectrum, problem)
     return _Analysed(problem, spectrum, fitted, found)
 
