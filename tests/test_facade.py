@@ -212,6 +212,8 @@ def test_arrays_in_the_wrong_order_or_of_words_are_refused(sweep):
         (lambda: make.from_impedance(f, ["open"] * f.size), "impedance_ohm does not hold numbers"),
         (lambda: make.from_impedance(f, iter(z)), "impedance_ohm does not hold numbers"),
         (lambda: make.from_magnitude_phase(f, np.abs(z), np.angle(z, deg=True), degrees=False), "more than a turn"),
+        (lambda: make.from_magnitude_phase(f, np.angle(z, deg=True), np.abs(z)), "are negative.* exchanged"),
+        (lambda: make.from_magnitude_phase(f, np.angle(z), np.abs(z), degrees=False), "are negative.* exchanged"),
         (lambda: make.from_conductance_susceptance(f, 0 * f, 0 * f, source="plate 7"), "plate 7: 211 admittances"),
     ):
         with pytest.raises(fp.InputError, match=words):

@@ -126,6 +126,26 @@ def is_unit(name: str) -> bool:
     return _parse_unit(name.strip().strip('"').strip("()[] ")) is not None
 
 
+def is_no_unit(name: str) -> bool:
+    """Whether a cell of a row of units says that its column has none."""
+    return name.strip().strip('"').strip("()[] ") in ("", "-", "–", "1")
+
+
+def with_unit(name: str, unit: str, source: str) -> str:
+    """The name of a column with the unit below it; as it is where it states that unit itself, or none is below it.
+
+    Raises InputError where it states another unit.
+    """
+    column, below = parse_column(name), _parse_unit(unit)
+    if below is None:
+        return name
+    if column is None or not column.has_unit:
+        return f"{name} ({unit})"
+    if (_FAMILY[column.kind], abs(column.scale)) != below:
+        raise InputError(f"{source}: the header says {name!r}, and the row of units below it {unit!r}; correct one")
+    return name
+
+
 def _kind(label: str) -> str | None:
     """The kind of a column from its name without unit; None where it is not known."""
     return _KINDS.get(re.sub(r"[\s_.:\-]", "", label.lower()))
@@ -144,7 +164,7 @@ def _split_unit(text: str) -> tuple[str, tuple[str, float] | None]:
 def _parse_unit(text: str) -> tuple[str, float] | None:
     """(family, scale to SI) of a unit; None where it is none."""
     text = text.strip().strip(".").replace("Ω", "Ω").replace("μ", "µ")
-    if found := re.fullmatch(r"([kmg]?)hz", text, re.IGNORECASE):
+    if found := re.fullmatch(r"([kmg]?)(?:hz|hertz)", text, re.IGNORECASE):
         return "hertz", {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9}[found[1].lower()]  # nobody means millihertz
     if found := re.fullmatch(r"([pnuµmkKMG]?)(?i:ohms?|Ω)", text):
         return "ohm", _PREFIX[found[1]]

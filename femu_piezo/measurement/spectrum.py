@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from femu_piezo.errors import InputError
-from femu_piezo.measurement.columns import reach_half_pi
+from femu_piezo.measurement.columns import reach_half_pi, to_impedance
 from femu_piezo.units import hertz
 
 #: Endings of the names of files that may be sweeps.
@@ -101,6 +101,8 @@ class ImpedanceSpectrum:
         source = options.get("source", _SOURCE)
         columns = {"frequency_Hz": frequency_Hz, "magnitude_ohm": magnitude_ohm, "phase": phase}
         magnitude, angle = _pair(source, columns)
+        radians = np.radians(angle) if degrees else angle
+        impedance = to_impedance(("abs_z", "phase_z"), magnitude, radians, np.asarray(frequency_Hz), source)
         if not degrees and np.nanmax(np.abs(angle), initial=0.0) > 2 * np.pi:
             raise InputError(
                 f"{source}: the phases reach {np.nanmax(np.abs(angle)):.4g} rad, more than a turn; "
@@ -111,8 +113,7 @@ class ImpedanceSpectrum:
                 f"{source}: the phases reach {np.nanmax(np.abs(angle)):.4g} at most, as radians do near π/2 = 1.571, "
                 "and no piece with phases of so few degrees has a |Z| that varies so; give degrees = False for radians"
             )
-        angle = np.radians(angle) if degrees else angle
-        return cls.from_impedance(frequency_Hz, magnitude * np.exp(1j * angle), **options)
+        return cls.from_impedance(frequency_Hz, impedance, **options)
 
     @classmethod
     def from_conductance_susceptance(
@@ -122,10 +123,8 @@ class ImpedanceSpectrum:
         columns = {"frequency_Hz": frequency_Hz, "conductance_S": conductance_S, "susceptance_S": susceptance_S}
         source = options.get("source", _SOURCE)
         conductance, susceptance = _pair(source, columns)
-        admittance = conductance + 1j * susceptance
-        if np.any(admittance == 0):
-            raise InputError(f"{source}: {int(np.sum(admittance == 0))} admittances are zero; remove these points")
-        return cls.from_impedance(frequency_Hz, 1 / admittance, **options)
+        impedance = to_impedance(("g", "b"), conductance, susceptance, np.asarray(frequency_Hz), source)
+        return cls.from_impedance(frequency_Hz, impedance, **options)
 
     def __repr__(self) -> str:
         if not len(self):

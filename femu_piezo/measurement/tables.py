@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.measurement.columns import UNDERSTOOD, is_unit, parse_column
+from femu_piezo.measurement.columns import UNDERSTOOD, is_no_unit, is_unit, parse_column, with_unit
 
 _POINT = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
 _COMMA = re.compile(r"[+-]?(?:(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
@@ -288,10 +288,9 @@ def _find_names(above: list[str], delimiter: str | None, width: int, source: str
                     raise InputError(
                         f"{source}: {unread[:60]!r} below the names of the columns is no row of numbers; correct it"
                     )
-                if units:
-                    cells = [f"{c} ({u})" if u else c for c, u in zip(cells, units, strict=True)]
-                return cells
-            if units is None and any(is_unit(c) for c in cells) and all(is_unit(c) or not c for c in cells):
+                below = units or [""] * len(cells)
+                return [with_unit(c, u, source) for c, u in zip(cells, below, strict=True)]
+            if units is None and any(is_unit(c) for c in cells) and all(is_unit(c) or is_no_unit(c) for c in cells):
                 units = [cell.strip("()[] ") for cell in cells]
                 break
         else:

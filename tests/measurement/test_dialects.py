@@ -159,10 +159,31 @@ def test_e4990a(tmp_path: Path, names: str, pair: str, memory: bool) -> None:
     assert "2 channels" in both.notes[0]
 
 
-def test_a_row_of_units_below_the_names(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "head",
+    [
+        ["Frequency,R,X", "kHz,Ohm,Ohm"],
+        ["Frequency,R,X,point", "khertz,Ohm,Ohm,-"],
+        ["Frequency (kHz),R,X", "kHz,Ohm,Ohm"],
+        ["frequency_kHz,resistance_ohm,reactance_ohm", "[kHz],[Ω],[Ω]"],
+        ["Frequency (kHz),R,X", ",Ohm,Ohm"],
+    ],
+)
+def test_a_row_of_units_below_the_names(tmp_path: Path, head: list[str]) -> None:
+    """Units may stand below names, also where the names state them as well."""
     r, x = columns_of(FREQUENCY, IMPEDANCE, "rx")
-    rows = [f"{f / 1e3!r}\t{a!r}\t{b!r}" for f, a, b in zip(FREQUENCY.tolist(), r.tolist(), x.tolist(), strict=True)]
-    assert_same(read_text(tmp_path, "\n".join(["Frequency\tR\tX", "kHz\tOhm\tOhm", *rows, ""])))
+    columns = [(FREQUENCY / 1e3).tolist(), r.tolist(), x.tolist(), list(range(FREQUENCY.size))]
+    rows = [",".join(map(repr, row)) for row in zip(*columns[: head[0].count(",") + 1], strict=True)]
+    for comment in ("", "# "):
+        assert_same(read_text(tmp_path, "\n".join([*(comment + line for line in head), *rows, ""])))
+
+
+def test_units_that_contradict_the_names_are_told(tmp_path: Path) -> None:
+    r, x = columns_of(FREQUENCY, IMPEDANCE, "rx")
+    rows = [f"{f!r},{a!r},{b!r}" for f, a, b in zip(FREQUENCY.tolist(), r.tolist(), x.tolist(), strict=True)]
+    for below, told in (("kHz,ohm,ohm", "'Frequency \\(Hz\\)'.* 'kHz'"), ("Hz,kohm,ohm", "'R \\(ohm\\)'.* 'kohm'")):
+        with pytest.raises(InputError, match=f"the header says {told}; correct one"):
+            read_text(tmp_path, "\n".join(["Frequency (Hz),R (ohm),X (ohm)", below, *rows, ""]))
 
 
 def rows_with_words(delimiter: str = ",") -> list[str]:
