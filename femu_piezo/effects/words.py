@@ -14,7 +14,7 @@ from femu_piezo.units import number
 _SHARES = {"relative_error", "fall_per_decade"}  # pure numbers that are read as per cent
 _UNITS = {"ohm": ("Ω", 1.0), "kg": ("g", 1e3), "kg/m^2": ("g/m²", 1e3), "1": ("", 1.0)}
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-#: A unit whose first symbol may have a prefix: no kg, which has one, no 1/F, and no power, which a prefix would share.
+#: A unit whose first symbol may have a prefix: no kg, which has one, and no power, which a prefix would share.
 _WITH_PREFIX = re.compile(r"(?!kg)[A-Za-zΩ]+(?![A-Za-zΩ²³^])")
 #: Sizes in any other unit that are written without a power of ten.
 _PLAIN = (1e-3, 1e4)
@@ -37,6 +37,9 @@ def readable(name: str, si_unit: str, value: float, std: float | None = None) ->
     if _WITH_PREFIX.match(unit):
         thousands = min(max(thousands, -12), 9)
         unit = _PREFIXES[thousands] + unit
+    elif unit == "1/F":
+        thousands = min(max(thousands, -9), 12)
+        unit = f"1/{_PREFIXES[-thousands]}F"
     elif not unit or _PLAIN[0] <= size < _PLAIN[1]:
         thousands = 0
     elif thousands:
