@@ -202,7 +202,7 @@ def fit(
 
 def _descended(here: _Trial, tolerance: float, max_steps: int, least: float) -> _Trial:
     """`fit` from a trial."""
-    size, damping, fall = here.model.size, 1e-3, np.inf
+    size, damping, fall = here.model.size, 1e-3, 0.0
     for _ in range(max_steps):
         triangle = here.triangle()
         upper, target = triangle[:size, :size], -triangle[:size, size]
