@@ -24,8 +24,8 @@ class Active:
     columns: slice | None
 
     def put(self, target: np.ndarray, slopes: np.ndarray) -> None:
-        """Add ∂/∂p (…, n) times the scale to the columns of a tangent array (…, n_x)."""
-        if self.columns is not None:
+        """Add ∂/∂p (…, n) times the scale to the columns of a tangent array (…, n_x), if there are any: (…, 0)."""
+        if self.columns is not None and target.shape[-1]:
             target[..., self.columns] += slopes * self.effect.scale
 
 
@@ -87,11 +87,21 @@ class _Sum:
 
 
 def collect(
-    model: ExtendedModel, parameters: Unknowns, x: np.ndarray, active: list[Active], omega: np.ndarray
+    model: ExtendedModel,
+    parameters: Unknowns,
+    x: np.ndarray,
+    active: list[Active],
+    omega: np.ndarray,
+    *,
+    tangents: bool = True,
 ) -> Coefficients:
-    """The matrices of a model with their coefficients at the unknowns x (n_x,) and frequencies (k,) rad/s."""
-    e_form, e_tangents = e_form_constants(parameters, x, active, omega)
-    factors, factor_tangents = _stretch(active, x.size)
+    """The matrices of a model with their coefficients at the unknowns x (n_x,) and frequencies (k,) rad/s.
+
+    tangents : whether to make those in the unknowns; else those of no unknown
+    """
+    count = x.size if tangents else 0
+    e_form, e_tangents = e_form_constants(parameters, x, active, omega, tangents=tangents)
+    factors, factor_tangents = _stretch(active, count)
     stretched = bool(np.any(factors != 1) or np.any(factor_tangents))
     constant = model.constant_of_stratum if stretched else np.arange(e_form.shape[1])
     powers = model.exponents if stretched else np.zeros((constant.size, 3))
@@ -99,10 +109,10 @@ def collect(
     scaling = np.prod(factors**powers, axis=1)
     scaling_tangents = scaling[:, None] * (powers @ (factor_tangents / factors[:, None]))
     values = e_form[:, constant] * scaling
-    tangents = e_tangents[:, constant] * scaling[:, None] + e_form[:, constant, None] * scaling_tangents
+    slopes = e_tangents[:, constant] * scaling[:, None] + e_form[:, constant, None] * scaling_tangents
     volume = np.prod(factors)
     growth = volume * np.sum(factor_tangents / factors[:, None], axis=0)
-    density, denser = _density(active, x.size)
+    density, denser = _density(active, count)
     volume, growth = volume * density, growth * density + volume * denser
     stiff, heavy = _Sum(), _Sum()
     heavy.add(
@@ -112,7 +122,7 @@ def collect(
     )
     for item in active:
         for term in _extra_terms(model, item, omega):
-            value, tangent = term.value, np.zeros((omega.size, x.size), dtype=complex)
+            value, tangent = term.value, np.zeros((omega.size, count), dtype=complex)
             item.put(tangent, term.slopes)
             if term.constant is not None:
                 tangent = tangent * e_form[:, term.constant, None] + value[:, None] * e_tangents[:, term.constant]
@@ -121,8 +131,8 @@ def collect(
     if stiff.matrices:
         terms = np.concatenate([terms, stiff.matrices])
         values = np.concatenate([values, *stiff.values], axis=1)
-        tangents = np.concatenate([tangents, *stiff.tangents], axis=1)
-    return Coefficients(terms, values, tangents, heavy.matrices, *heavy.stacked())
+        slopes = np.concatenate([slopes, *stiff.tangents], axis=1)
+    return Coefficients(terms, values, slopes, heavy.matrices, *heavy.stacked())
 
 
 def _stretch(active: list[Active], unknowns: int) -> tuple[np.ndarray, np.ndarray]:
@@ -164,21 +174,20 @@ def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[
 
 def even_constants(parameters: Unknowns, x: np.ndarray, active: list[Active]) -> PiezoConstants:
     """The constants at x (n_x,) after the effects `active`, which act alike at all frequencies."""
-    theta = parameters.material.vector(x[: parameters.of_material])[None]
-    still = [Active(item.effect, item.values, None) for item in active]
-    return PiezoConstants.from_vector(_changed(theta, np.zeros((1, 10, 0), dtype=complex), np.ones(1), still)[0][0])
+    return PiezoConstants.from_vector(d_form_constants(parameters, x, active, np.ones(1), tangents=False)[0][0])
 
 
 def d_form_constants(
-    parameters: Unknowns, x: np.ndarray, active: list[Active], omega: np.ndarray
+    parameters: Unknowns, x: np.ndarray, active: list[Active], omega: np.ndarray, *, tangents: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """d-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x)."""
+    """d-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x); (k, 10, 0) where not wanted."""
     material = parameters.material
     of_material = x[: parameters.of_material]
     theta = np.tile(material.vector(of_material), (omega.size, 1))
-    tangents = np.zeros((omega.size, 10, x.size), dtype=complex)
-    tangents[:, :, : of_material.size] = material.free.directions @ material.slopes(of_material)
-    return _changed(theta, tangents, omega, active)
+    slopes = np.zeros((omega.size, 10, x.size if tangents else 0), dtype=complex)
+    if tangents:
+        slopes[:, :, : of_material.size] = material.free.directions @ material.slopes(of_material)
+    return _changed(theta, slopes, omega, active)
 
 
 def _changed(
@@ -216,17 +225,17 @@ def _multiplied(
     items, which = [item for item, _ in factors], np.array([index for _, index in factors])
     theta, tangents, slopes = multiplied(theta, tangents, which, np.array([item.values for item in items]))
     for number, item in enumerate(items):
-        if item.columns is not None:
-            tangents[:, which[number], item.columns] += slopes[:, number] * item.effect.scale
+        item.put(tangents[:, which[number]], slopes[:, number])
     return theta, tangents
 
 
 def e_form_constants(
-    parameters: Unknowns, x: np.ndarray, active: list[Active], omega: np.ndarray
+    parameters: Unknowns, x: np.ndarray, active: list[Active], omega: np.ndarray, *, tangents: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """e-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x)."""
-    theta, tangents = d_form_constants(parameters, x, active, omega)
+    """e-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x); (k, 10, 0) where not wanted."""
+    theta, slopes = d_form_constants(parameters, x, active, omega, tangents=tangents)
     sets = [PiezoConstants.from_vector(row) for row in theta]
     e_form = np.array([constants.to_e_form().vector() for constants in sets])
-    jacobians = np.array([constants.e_form_jacobian() for constants in sets])
-    return e_form, jacobians @ tangents
+    if not tangents:
+        return e_form, slopes
+    return e_form, np.array([constants.e_form_jacobian() for constants in sets]) @ slopes

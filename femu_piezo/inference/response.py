@@ -91,12 +91,14 @@ class Evaluation:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,) of the body itself, and its tangents (wanted, n_x)."""
         model = self.model.restricted([name for item in active for name in item.effect.sectors])
+        dispersive = any(item.effect.dispersive for item in active)
+        nodes, weights = _nodes(self.omega) if dispersive else (self.omega[:1], np.ones((1, 1)))
         with blas_limit():
-            if any(item.effect.dispersive for item in active):
-                nodes, weights = _nodes(self.omega)
-                y, slopes = _solved(model, self.omega, collect(model, parameters, x, active, nodes), weights, wanted)
+            coefficients = collect(model, parameters, x, active, nodes, tangents=wanted > 0)
+            if dispersive:
+                y, slopes = _solved(model, self.omega, coefficients, weights, wanted)
             else:
-                y, slopes = _closed(model, self.omega, collect(model, parameters, x, active, self.omega[:1]), wanted)
+                y, slopes = _closed(model, self.omega, coefficients, wanted)
         return 1 / y, -slopes / y[:wanted, None] ** 2
 
     def modal(self, parameters: Unknowns, x: np.ndarray) -> ModalModel:
@@ -105,7 +107,7 @@ class Evaluation:
         model = self.model.restricted([name for item in active for name in item.effect.sectors])
         middle = self.omega[[self.omega.size // 2]]
         with blas_limit():
-            return _modal(model, collect(model, parameters, x, active, middle))
+            return _modal(model, collect(model, parameters, x, active, middle, tangents=False))
 
     def terminals(self, parameters: Unknowns, x: np.ndarray, modal: ModalModel) -> Callable[[np.ndarray], np.ndarray]:
         """Complex ω (m,) → Z at the terminals, which vanishes at a pole and is infinite at a zero.
@@ -139,10 +141,10 @@ class Evaluation:
         model = self.model.restricted([name for item in active for name in item.effect.sectors])
         middle = self.omega[[self.omega.size // 2]]
         with blas_limit():
-            c = collect(model, parameters, x, active, middle)
+            c = collect(model, parameters, x, active, middle, tangents=False)
             modal = _modal(model, c)
             span, y = _driven_span(modal, self.omega), modal.admittance(self.omega)
-            e_form = e_form_constants(parameters, x, [], middle)[0][0]
+            e_form = e_form_constants(parameters, x, [], middle, tangents=False)[0][0]
             sites = placed(effect)[0]
             found = np.array([_site_slopes(model, effect, site, self.omega, span, e_form) for site in sites])
         factor = 1j * self.omega * model.admittance_factor / y**2

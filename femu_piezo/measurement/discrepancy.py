@@ -244,10 +244,10 @@ def _by_principal_axes(values: np.ndarray, inside: np.ndarray, along: np.ndarray
     """
     sizes, count = _SIGMAS[:, None] ** 2, inside.shape[1]
     grown = 1 + sizes * np.maximum(values, 0.0)
-    weights, both = sizes / grown, np.column_stack([inside, along])
+    weights, both = sizes / grown, np.concatenate([inside.T, along[None]])
     rows, columns = np.tril_indices(count + 1)
     products = np.zeros((len(sizes), count + 1, count + 1))  # [U, b]ᵗω [U, b], the lower triangle
-    products[:, rows, columns] = weights @ (both[:, rows] * both[:, columns])
+    products[:, rows, columns] = weights @ (both[rows] * both[columns]).T
     unreduced, diagonal = products[:, -1, -1].copy(), np.arange(count)
     products[:, :count, :count] *= -1
     products[:, diagonal, diagonal] += 1

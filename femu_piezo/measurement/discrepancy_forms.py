@@ -191,7 +191,7 @@ class Alternatives:
         """Σ row · factor · v (n, t', s, p) over the points, of every factor, without amounts and scale."""
         n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
         along = self.factors[:, :, None] * sides.turned[self.points]  # (t', k', p)
-        along = self.rows.reshape(-1, self.points.size) @ along.transpose(1, 0, 2).reshape(self.points.size, -1)
+        along = _times(self.rows.reshape(-1, self.points.size), along.transpose(1, 0, 2).reshape(self.points.size, -1))
         return along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3)
 
     def along_axes(self, sides: Sides, squares: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -263,9 +263,16 @@ class Alternatives:
 
     def _weighted(self, weight: np.ndarray) -> np.ndarray:
         """Σ w conj(row) row (n, s, s) for real or complex weights w (k')."""
-        if self.pairs is None or np.iscomplexobj(weight):
+        if np.iscomplexobj(weight):
+            return self._weighted(weight.real) + 1j * self._weighted(weight.imag)
+        if self.pairs is None:
             return (self.rows.conj() * weight) @ self.rows.transpose(0, 2, 1)
         return _weighted_pairs(self.pairs, weight)
+
+
+def _times(rows: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """rows (n, k) @ right (k, p) complex, whose parts real rows multiply: numpy would make these complex first."""
+    return rows @ right if np.iscomplexobj(rows) else (rows @ np.ascontiguousarray(right).view(float)).view(complex)
 
 
 def squared_exponential(distance: np.ndarray) -> np.ndarray:

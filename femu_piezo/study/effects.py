@@ -164,7 +164,7 @@ def _changed_constants(
 ) -> list[PiezoConstants]:
     """The constants that effects leave of `Problem.fitted` at frequencies (k,), Hz; InputError where not stable."""
     unknowns, x = _unknowns_of(problem, known)
-    theta = d_form_constants(unknowns, x, active_effects(unknowns, x), 2 * np.pi * frequency)[0]
+    theta = d_form_constants(unknowns, x, active_effects(unknowns, x), 2 * np.pi * frequency, tangents=False)[0]
     where = f"{problem.specimen.path or problem.specimen.name}: the constants that [effects] leave"
     return [PiezoConstants.from_vector(one).check(where, passive=False) for one in theta]
 
