@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from femu_piezo.geometry.upper_face import UpperFace
 
 #: (θ (k, 10), tangents (k, 10, n_x) = ∂θ/∂x, ω (k,), p (n,)) → (θ', its tangents, ∂θ'/∂p (k, 10, n)). The derivative
-#: of the map need only be linear over the reals (it may treat Re and Im differently); x and p are real.
+#: of the map need only be linear over the reals (it may treat Re and Im differently); x and p are real. n_x is 0 where
+#: no tangents are wanted.
 ConstantsHook = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 #: p (n,) → factors s (3,) on the dimensions along x, y, z, and ∂s/∂p (3, n)
 StretchHook = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]

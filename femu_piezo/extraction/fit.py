@@ -138,40 +138,38 @@ def penalty(k: int, n: int) -> float:
     return k * np.log(2 * n) * 2 * n / (2 * n - k - 1)
 
 
-def residual(model: RationalModel, data: NormalisedSweep) -> np.ndarray:
-    """(n,) complex weight · (Z_data/Z_model − 1) = weight · (charge_model/charge_data − 1).
-
-    To first order in the noise the relative errors of Z and of Y = 1/Z are the same, so one residual serves
-    the poles of Y and the poles of Z alike and the fit is the joint maximum-likelihood estimate of both.
-    """
-    return data.weight * (model.charge(data.x) / data.charge - 1)
-
-
 @dataclass(frozen=True)
 class _Trial:
-    """A model that a fit tries, with its `residual`.
+    """A model that a fit tries.
 
-    columns : (n, M + d + 1) of the model at the points of the data;  misfit : Σ|residual|²
+    To first order in the noise the relative errors of Z and of Y = 1/Z are the same, so one residual serves the poles
+    of Y and the poles of Z alike, and the fit is the joint maximum-likelihood estimate of both.
+
+    Attributes
+    ----------
+    linear_jacobian : (n, M + d + 1) of the model at the points of the data
+    residual : (n,) complex, weight · (Z_data/Z_model − 1) = weight · (charge_model/charge_data − 1)
+    misfit : Σ|residual|²
     """
 
     model: RationalModel
     data: NormalisedSweep
-    columns: np.ndarray
+    linear_jacobian: np.ndarray
     residual: np.ndarray
     misfit: float
 
     @classmethod
-    def of(cls, model: RationalModel, data: NormalisedSweep, columns: np.ndarray | None = None) -> _Trial:
-        """columns : those of the model where they are known, as of one with the same poles"""
-        columns = model.columns(data.x) if columns is None else columns
-        residual = data.weight * (columns @ model.linear / data.charge - 1)
-        return cls(model, data, columns, residual, _power(residual))
+    def of(cls, model: RationalModel, data: NormalisedSweep, linear_jacobian: np.ndarray | None = None) -> _Trial:
+        """linear_jacobian : that of the model where it is known, as of one with the same poles"""
+        along = model.linear_jacobian(data.x) if linear_jacobian is None else linear_jacobian
+        residual = data.weight * (along @ model.linear / data.charge - 1)
+        return cls(model, data, along, residual, _power(residual))
 
     def triangle(self) -> np.ndarray:
         """(k + 1, k + 1) R of the QR factors of the Jacobian of the residual (n, k), and of the residual."""
         m, whole = self.model.poles.size, np.empty((len(self.data), self.model.size + 1), dtype=complex, order="F")
-        whole[:, m:-1] = (self.data.weight / self.data.charge)[:, None] * self.columns
-        whole[:, :m] = -self.model.residues * self.columns[:, :m] * whole[:, m : 2 * m]
+        whole[:, m:-1] = (self.data.weight / self.data.charge)[:, None] * self.linear_jacobian
+        whole[:, :m] = -self.model.residues * self.linear_jacobian[:, :m] * whole[:, m : 2 * m]
         whole[:, -1] = self.residual
         return _triangle(whole)
 
@@ -241,7 +239,7 @@ def _damped(upper: np.ndarray, target: np.ndarray, lower: np.ndarray) -> np.ndar
 
 
 def _triangle(matrix: np.ndarray) -> np.ndarray:
-    """R (k, k) of the QR factors of a matrix (m, k) of m > k, in Fortran's order, which is overwritten."""
+    """R (min(m, k), k) of the QR factors of a matrix (m, k), in Fortran's order, which is overwritten."""
     found = lapack.zgeqrf(matrix, overwrite_a=True)[0][: matrix.shape[1]]
     found[_below_diagonal(*found.shape)] = 0  # the reflectors of Q
     return found
@@ -264,9 +262,9 @@ def solve_linear(model: RationalModel, data: NormalisedSweep) -> Fit:
 
 def _linear(model: RationalModel, data: NormalisedSweep) -> _Trial:
     """`solve_linear`, as a trial."""
-    columns = model.columns(data.x)
-    linear = _least_squares((data.weight / data.charge)[:, None] * columns, data.weight.astype(complex))
-    return _Trial.of(model.with_parameters(np.concatenate([model.poles, linear])), data, columns)
+    along = model.linear_jacobian(data.x)
+    linear = _least_squares((data.weight / data.charge)[:, None] * along, data.weight.astype(complex))
+    return _Trial.of(model.with_parameters(np.concatenate([model.poles, linear])), data, along)
 
 
 def _least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

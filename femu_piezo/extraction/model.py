@@ -110,7 +110,7 @@ class RationalModel:
         stretch = 2 * self.axis.eigenvalue(x) / self.axis.half_width
         return -1 - stretch * self.charge_slope(x) / self.charge(x)
 
-    def columns(self, x: np.ndarray) -> np.ndarray:
+    def linear_jacobian(self, x: np.ndarray) -> np.ndarray:
         """(n, M + d + 1) ∂charge/∂linear at x (n,): 1/(z_m − x), then T_k(x)."""
         m = self.poles.size
         found = np.empty((x.size, m + self.background.size), dtype=complex)
@@ -120,8 +120,8 @@ class RationalModel:
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """(n, 2M + d + 1) exact ∂charge/∂parameters (holomorphic, so complex numbers suffice)."""
-        columns = self.columns(np.asarray(x))
-        return np.concatenate([-self.residues * columns[:, : self.poles.size] ** 2, columns], axis=1)
+        linear = self.linear_jacobian(np.asarray(x))
+        return np.concatenate([-self.residues * linear[:, : self.poles.size] ** 2, linear], axis=1)
 
     def admittance(self, omega: np.ndarray) -> np.ndarray:
         """Y(ω), siemens."""

@@ -64,12 +64,12 @@ class Extraction:
 
     @property
     def fundamental(self) -> Pair | None:
-        """The pair of the fundamental, whose figures can be read; None where no pole has its zero."""
+        """The pair of the fundamental; None without a fitted function, or where no pole has a zero above it."""
         return None if self.model is None else fundamental(self.pairs)
 
     @made_once
     def figures(self) -> StandardFigures | None:
-        """Standard figures of the fundamental that need no shape of the body; None where there is none."""
+        """Standard figures of the `fundamental` that need no shape of the body; None without it."""
         pair = self.fundamental
         if pair is None or self.model is None:
             return None

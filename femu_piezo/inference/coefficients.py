@@ -102,7 +102,9 @@ def collect(
     count = x.size if tangents else 0
     e_form, e_tangents = e_form_constants(parameters, x, active, omega, tangents=tangents)
     factors, factor_tangents = _stretch(active, count)
-    stretched = bool(np.any(factors != 1) or np.any(factor_tangents))
+    # with and without tangents the same matrices serve, so that Z is the same to the last bit
+    moving = any(item.effect.stretch is not None and item.columns is not None for item in active)
+    stretched = moving or bool(np.any(factors != 1))
     constant = model.constant_of_stratum if stretched else np.arange(e_form.shape[1])
     powers = model.exponents if stretched else np.zeros((constant.size, 3))
     terms = model.strata if stretched else model.bulk

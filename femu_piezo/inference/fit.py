@@ -113,8 +113,11 @@ class Fit:
         )
 
     @made_once
-    def columns(self) -> Columns:
-        """The Jacobian of all rows for x in prior standard deviations, the data whitened by the noise alone."""
+    def factored(self) -> Columns:
+        """The Jacobian of all rows for x in prior standard deviations, that of the data in factors.
+
+        The data are whitened by the noise alone.
+        """
         std = self.parameters.prior_std
         return Columns.of(self.jacobian * std, self.further_jacobian * std)
 
@@ -122,7 +125,7 @@ class Fit:
     def _whitened(self) -> Columns:
         """The Jacobian of all rows for x in prior standard deviations, the data whitened by noise and discrepancy."""
         if self.discrepancy is None:
-            return self.columns
+            return self.factored
         rows, count = self._rows[1] * self.parameters.prior_std, self.residual.size
         return Columns.of(rows[:count], rows[count:])
 
@@ -182,7 +185,7 @@ class Fit:
         walls = self._walls
         if not np.any(walls):
             return self.further_jacobian
-        columns, held, weights = self.columns, walls & (self.further_residual < 0), (~walls).astype(float)
+        columns, held, weights = self.factored, walls & (self.further_residual < 0), (~walls).astype(float)
         projected = columns.projected(np.concatenate([self.residual, self.further_residual]), self.level)
         weights[held] = behind_walls(
             columns.rows(self.level), projected, columns.in_all_rows(walls), columns.in_all_rows(held)
@@ -193,18 +196,18 @@ class Fit:
     def precision_inverse(self) -> np.ndarray:
         """H^-1 (n_x, n_x), H = JᵗJ/s² + FᵗF, s the noise level of the fit, F the `prior_rows`."""
         std = self.parameters.prior_std
-        return _inverse(np.concatenate([self.columns.triangle / self.level, self.prior_rows * std]), std)
+        return _inverse(np.concatenate([self.factored.triangle / self.level, self.prior_rows * std]), std)
 
     @made_once
     def _reduced_gain(self) -> np.ndarray:
-        """A Q (n_x, r), with A = A Q Qᵗ the `gain` and Q (2k, r) the basis of `columns`."""
-        along = self.columns.triangle / self.parameters.prior_std
+        """A Q (n_x, r), with A = A Q Qᵗ the `gain` and Q (2k, r) the basis of `factored`."""
+        along = self.factored.triangle / self.parameters.prior_std
         return self.precision_inverse @ along.T / self.level**2
 
     @made_once
     def gain(self) -> np.ndarray:
         """A (n_x, 2k): how the estimate moves with the whitened data, H^-1 Jᵗ over the square of the noise level."""
-        return self._reduced_gain @ self.columns.basis.T
+        return self._reduced_gain @ self.factored.basis.T
 
     @made_once
     def covariance(self) -> np.ndarray:
@@ -216,7 +219,7 @@ class Fit:
         alone, so that its curve is the closest there is; a discrepancy widens the intervals by s² A K Aᵗ. No factor
         for misfit is applied beyond that. The coverage is tested in tests/inference/test_coverage.py.
         """
-        gain, basis = self._reduced_gain, self.columns.basis
+        gain, basis = self._reduced_gain, self.factored.basis
         found = self.noise_scale**2 * gain @ gain.T
         if self.discrepancy is not None:
             moved = self.noise_scale * gain @ (basis.T @ self.discrepancy.columns)
@@ -242,7 +245,7 @@ class Fit:
         """
         columns, right, walls, held = self._with_laws
         count, unknowns = self.residual.size, self.x.size
-        if columns is self.columns:
+        if columns is self.factored:
             return Marginal.of(columns, right, self.noise_scale, walls, held)
         free = np.flatnonzero(~self.parameters.on_bound(self.x))
         moving = np.append(free, np.arange(unknowns, columns.triangle.shape[1]))
@@ -268,7 +271,7 @@ class Fit:
 
         These are (m,) bool: rows of walls that are touched, and those of them that hold the estimate.
         """
-        laws, columns = self.law, self.columns
+        laws, columns = self.law, self.factored
         count = 0 if laws is None else laws.shape[1]
         if laws is not None and count:
             others = block_diag(columns.others, np.eye(count))
@@ -369,8 +372,8 @@ class Fit:
     @made_once
     def held_out(self) -> HeldOut:
         """Predictions of bands by fits that do not see them, noise alone in the likelihood."""
-        basis = np.linalg.qr(self.columns.rows(self.level))[0]
-        return HeldOut(self.data, self.residual, self.columns.expanded(basis)[: self.residual.size])
+        basis = np.linalg.qr(self.factored.rows(self.level))[0]
+        return HeldOut(self.data, self.residual, self.factored.expanded(basis)[: self.residual.size])
 
 
 def fit(

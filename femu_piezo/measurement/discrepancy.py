@@ -299,7 +299,7 @@ def noise_level(chi_square: np.ndarray | float, freedom: float, level_std: float
     """
     given, floor = np.asarray(chi_square, dtype=float), -_FLOOR * level_std
     level = np.stack([np.zeros_like(given), 0.5 * np.log(np.maximum(given, 1e-12) / freedom)])
-    for _ in range(60):  # Newton steps, at most twice those with the curvature that the prior has at its centre
+    for _ in range(60):  # Newton steps, at most twice those that take `hold`, no less, as the curvature of the prior
         pull, hold = given * np.exp(-2 * level), 2 / (2 * level_std**2 + level**2)
         bend = np.maximum(2 * pull + hold * (1 - hold * level**2), pull + hold / 2)
         old, level = level, np.maximum(level + (pull - freedom - hold * level) / bend, floor)

@@ -96,7 +96,7 @@ class ImpedanceSpectrum:
     ) -> ImpedanceSpectrum:
         """A sweep of |Z| and phase, (n,) each, the phase in degrees or rad; `options` as of `from_impedance`.
 
-        Phases in radians that are given as degrees are refused, and degrees that are given as radians.
+        Negative magnitudes are refused, phases in radians that are given as degrees, and degrees given as radians.
         """
         source = options.get("source", _SOURCE)
         columns = {"frequency_Hz": frequency_Hz, "magnitude_ohm": magnitude_ohm, "phase": phase}

@@ -271,33 +271,56 @@ def _digits_after_point(cells: list[str]) -> list[int]:
 def _find_names(above: list[str], delimiter: str | None, width: int, source: str) -> list[str]:
     """The names of the columns from the nearest line above the numbers that names any.
 
-    A line of units alone is joined with the line of names above it; any other line between is refused, for it may
-    be a damaged row.
+    A row of units alone, below or above it, is joined with it. A column may have none there ("-"), and one whose name
+    is not understood any text. Units that contradict the names are refused, and so is any other line between names and
+    numbers, for it may be a damaged row.
     """
+    kept = " " if delimiter == "\t" else None  # a tab at either end of a line is an empty cell
+    lines = [line.strip(kept).lstrip("#%!/").strip(kept) for line in above]
+    told = [(text, line.lstrip().startswith(_COMMENT)) for text, line in zip(lines, above, strict=True) if text.strip()]
     units: list[str] | None = None
-    nearest = None
-    unread: str | None = None
-    for line in reversed(above):
-        text = line.strip().lstrip("#%!/").strip()
-        if not text:
+    between: list[str] = []
+    for number in reversed(range(len(told))):
+        text, is_comment = told[number]
+        ways = _header_splits(text, delimiter, width)
+        found = next((one for one in map(_units_alone, ways) if one), None)
+        if found is not None:
+            units = units or found
             continue
-        nearest = nearest or text
-        for cells in _header_splits(text, delimiter, width):
-            if any(parse_column(cell) for cell in cells):
-                if unread:
-                    raise InputError(
-                        f"{source}: {unread[:60]!r} below the names of the columns is no row of numbers; correct it"
-                    )
-                below = units or [""] * len(cells)
-                return [with_unit(c, u, source) for c, u in zip(cells, below, strict=True)]
-            if units is None and any(is_unit(c) for c in cells) and all(is_unit(c) or is_no_unit(c) for c in cells):
-                units = [cell.strip("()[] ") for cell in cells]
-                break
-        else:
-            if not line.lstrip().startswith(_COMMENT):
-                unread = text
-    told = f"the line above the numbers, {nearest[:80]!r}, does not name {width} columns" if nearest else "no line does"
-    raise InputError(f"{source}: a header must say what the {width} columns are, and {told}; {UNDERSTOOD}")
+        names = next((cells for cells in ways if any(parse_column(cell) for cell in cells)), None)
+        if names is not None:
+            if units is None and len(between) == 1:
+                ways = _header_splits(between[0], delimiter, width)
+                units = next((one for one in (_units_alone(cells, names) for cells in ways) if one), None)
+                between = between if units is None else []
+            if between:
+                raise InputError(
+                    f"{source}: {between[-1][:60]!r} below the names of the columns is neither a row of numbers nor of "
+                    "units that are understood; correct it"
+                )
+            if units is None and number:
+                ways = _header_splits(told[number - 1][0], delimiter, width)
+                units = next((one for one in map(_units_alone, ways) if one), None)
+            return [with_unit(c, u, source) for c, u in zip(names, units or [""] * width, strict=True)]
+        if not is_comment:
+            between.append(text)
+    seen = f"the line above the numbers, {told[-1][0].strip()[:80]!r}, does not name {width} columns" if told else ""
+    raise InputError(
+        f"{source}: a header must say what the {width} columns are, and {seen or 'no line does'}; {UNDERSTOOD}"
+    )
+
+
+def _units_alone(cells: list[str], names: list[str] | None = None) -> list[str] | None:
+    """The units of a row of units, "" for a column without; None for any other row.
+
+    names : of the columns, where they are known; the cell below one that is not understood may hold any text
+    """
+    open_ = [names is not None and parse_column(name) is None for name in names or cells]
+    if not any(map(is_unit, cells)):
+        return None
+    if not all(is_unit(cell) or is_no_unit(cell) or free for cell, free in zip(cells, open_, strict=True)):
+        return None
+    return [cell.strip("()[] ") if is_unit(cell) else "" for cell in cells]
 
 
 def _header_splits(text: str, delimiter: str | None, width: int) -> list[list[str]]:
@@ -320,10 +343,10 @@ def _header_splits(text: str, delimiter: str | None, width: int) -> list[list[st
 
 
 def _words_with_units(text: str) -> list[str]:
-    """Words, each with the unit in brackets that follows it: 'f (Hz) "R s" [Ohm]' → two cells."""
+    """Words, each with the unit in brackets that follows it: 'f (Hz) "R s" [Ohm]' → two cells, '[Hz] [Ohm]' as well."""
     cells: list[str] = []
     for word in re.findall(r'"[^"]*"|\S+', text):
-        if cells and word[0] in "([":
+        if cells and word[0] in "([" and cells[-1][0] not in "([":
             cells[-1] += f" {word}"
         else:
             cells.append(word)

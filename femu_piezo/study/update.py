@@ -292,7 +292,7 @@ def _known(found: Fit) -> Identifiability:
     weak = replace(parameters, prior=material_prior(free, {}, {})).prior_std
     further = found.further_jacobian.copy()
     further[:count, :count] = np.diag(1 / weak[:count])
-    rows = np.concatenate([found.columns.triangle / (found.level * parameters.prior_std), further])
+    rows = np.concatenate([found.factored.triangle / (found.level * parameters.prior_std), further])
     others = rows.shape[1] - count
     # R of the columns, those of the constants last: its last block is what the others leave of these
     ordered = np.hstack([rows[:, count:] * parameters.prior_std[count:], rows[:, :count]])

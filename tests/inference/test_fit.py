@@ -665,8 +665,8 @@ def test_closest_ends_where_the_fit_does(lab):
 
 
 def test_impedance_alone_equals_that_with_its_jacobian(lab):
-    """To the last bit."""
-    x = lab.truth(5)
-    np.testing.assert_array_equal(
-        lab.evaluation.impedance(lab.unknowns, x), lab.evaluation.with_jacobian(lab.unknowns, x)[0]
-    )
+    """To the last bit, also where all dimensions are those of the file."""
+    for x in (lab.truth(5), lab.unknowns.prior_mean):
+        np.testing.assert_array_equal(
+            lab.evaluation.impedance(lab.unknowns, x), lab.evaluation.with_jacobian(lab.unknowns, x)[0]
+        )

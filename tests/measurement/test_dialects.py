@@ -164,18 +164,43 @@ def test_e4990a(tmp_path: Path, names: str, pair: str, memory: bool) -> None:
     [
         ["Frequency,R,X", "kHz,Ohm,Ohm"],
         ["Frequency,R,X,point", "khertz,Ohm,Ohm,-"],
+        ["Frequency,R,X,point", "kHz,Ohm,Ohm,"],
         ["Frequency (kHz),R,X", "kHz,Ohm,Ohm"],
         ["frequency_kHz,resistance_ohm,reactance_ohm", "[kHz],[Ω],[Ω]"],
         ["Frequency (kHz),R,X", ",Ohm,Ohm"],
+        ["Frequency (kHz),R (Ohm),X (Ohm),Temperature (°C)", "kHz,Ohm,Ohm,°C"],
+        ["kHz,Ohm,Ohm", "Frequency,R,X"],
     ],
 )
-def test_a_row_of_units_below_the_names(tmp_path: Path, head: list[str]) -> None:
-    """Units may stand below names, also where the names state them as well."""
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_a_row_of_units_below_the_names(tmp_path: Path, head: list[str], delimiter: str) -> None:
+    """Units may stand below names, or above, also where the names state them as well, and in comments."""
     r, x = columns_of(FREQUENCY, IMPEDANCE, "rx")
     columns = [(FREQUENCY / 1e3).tolist(), r.tolist(), x.tolist(), list(range(FREQUENCY.size))]
-    rows = [",".join(map(repr, row)) for row in zip(*columns[: head[0].count(",") + 1], strict=True)]
+    rows = [delimiter.join(map(repr, row)) for row in zip(*columns[: head[0].count(",") + 1], strict=True)]
     for comment in ("", "# "):
-        assert_same(read_text(tmp_path, "\n".join([*(comment + line for line in head), *rows, ""])))
+        lines = [comment + line.replace(",", delimiter) for line in head]
+        assert_same(read_text(tmp_path, "\n".join([*lines, *rows, ""])))
+
+
+def test_units_of_a_capacitance_and_in_brackets_alone(tmp_path: Path) -> None:
+    """F below Cp is farad and no frequency; brackets between blanks are cells of their own."""
+    y = 1 / IMPEDANCE
+    columns = FREQUENCY, y.imag / (2 * np.pi * FREQUENCY), y.real / y.imag
+    rows = [f"{f!r},{c!r},{d!r}" for f, c, d in zip(*(one.tolist() for one in columns), strict=True)]
+    for below in ("Hz,F,-", "Hz,F,"):
+        assert_same(read_text(tmp_path, "\n".join(["Frequency,Cp,D", below, *rows, ""])))
+    r, x = columns_of(FREQUENCY, IMPEDANCE, "rx")
+    rows = [f"{f!r} {a!r} {b!r}" for f, a, b in zip(FREQUENCY.tolist(), r.tolist(), x.tolist(), strict=True)]
+    assert_same(read_text(tmp_path, "\n".join(["Frequency R X", "[Hz] [Ohm] [Ohm]", *rows, ""])))
+
+
+def test_a_line_between_names_and_numbers_that_is_neither_is_told(tmp_path: Path) -> None:
+    r, x = columns_of(FREQUENCY, IMPEDANCE, "rx")
+    rows = [f"{f!r},{a!r},{b!r}" for f, a, b in zip(FREQUENCY.tolist(), r.tolist(), x.tolist(), strict=True)]
+    for wrong in ("Hz,Ohm,dB", "1000,5x,3"):
+        with pytest.raises(InputError, match=f"'{wrong}' below the names of the columns is neither"):
+            read_text(tmp_path, "\n".join(["Frequency,R,X", wrong, *rows, ""]))
 
 
 def test_units_that_contradict_the_names_are_told(tmp_path: Path) -> None:
@@ -266,7 +291,7 @@ def test_a_long_file(tmp_path: Path) -> None:
 def test_a_damaged_first_row_is_not_skipped(tmp_path: Path) -> None:
     rows = [f"{f!r},{z.real!r},{z.imag!r}" for f, z in zip(FREQUENCY.tolist(), IMPEDANCE.tolist(), strict=True)]
     rows[0] = rows[0].replace(",", ",x", 1)
-    with pytest.raises(InputError, match="is no row of numbers"):
+    with pytest.raises(InputError, match="is neither a row of numbers"):
         read_text(tmp_path, "\n".join(["frequency_Hz,resistance_ohm,reactance_ohm", *rows, ""]))
 
 
