@@ -123,26 +123,31 @@ def names_noise(name: str) -> bool:
 
 def is_unit(name: str) -> bool:
     """Whether a cell of a header holds a unit and no name, as in a row of units below the names."""
-    return _parse_unit(name.strip().strip('"').strip("()[] ")) is not None
+    return _parse_unit(bare_unit(name)) is not None
 
 
 def is_no_unit(name: str) -> bool:
     """Whether a cell of a row of units says that its column has none."""
-    return name.strip().strip('"').strip("()[] ") in ("", "-", "–", "1")
+    return bare_unit(name) in ("", "-", "–", "1")
+
+
+def bare_unit(name: str) -> str:
+    """A cell of a row of units without quotes and brackets."""
+    return name.strip().strip('"').strip("()[] ")
 
 
 def with_unit(name: str, unit: str, source: str) -> str:
-    """The name of a column with the unit below it; as it is where it states that unit itself, or none is below it.
+    """The name of a column with its unit in the row of units; as it is where it states that itself, or has none there.
 
     Raises InputError where it states another unit.
     """
-    column, below = parse_column(name), _parse_unit(unit)
-    if below is None:
+    column, stated = parse_column(name), _parse_unit(unit)
+    if stated is None:
         return name
     if column is None or not column.has_unit:
         return f"{name} ({unit})"
-    if (_FAMILY[column.kind], abs(column.scale)) != below:
-        raise InputError(f"{source}: the header says {name!r}, and the row of units below it {unit!r}; correct one")
+    if (_FAMILY[column.kind], abs(column.scale)) != stated:
+        raise InputError(f"{source}: the header says {name!r}, and its row of units {unit!r}; correct one")
     return name
 
 

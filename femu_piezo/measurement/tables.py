@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.measurement.columns import UNDERSTOOD, is_no_unit, is_unit, parse_column, with_unit
+from femu_piezo.measurement.columns import UNDERSTOOD, bare_unit, is_no_unit, is_unit, parse_column, with_unit
 
 _POINT = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
 _COMMA = re.compile(r"[+-]?(?:(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
@@ -283,15 +283,13 @@ def _find_names(above: list[str], delimiter: str | None, width: int, source: str
     for number in reversed(range(len(told))):
         text, is_comment = told[number]
         ways = _header_splits(text, delimiter, width)
-        found = next((one for one in map(_units_alone, ways) if one), None)
-        if found is not None:
+        if (found := _units_alone(ways)) is not None:
             units = units or found
             continue
         names = next((cells for cells in ways if any(parse_column(cell) for cell in cells)), None)
         if names is not None:
             if units is None and len(between) == 1:
-                ways = _header_splits(between[0], delimiter, width)
-                units = next((one for one in (_units_alone(cells, names) for cells in ways) if one), None)
+                units = _units_alone(_header_splits(between[0], delimiter, width), names)
                 between = between if units is None else []
             if between:
                 raise InputError(
@@ -299,8 +297,7 @@ def _find_names(above: list[str], delimiter: str | None, width: int, source: str
                     "units that are understood; correct it"
                 )
             if units is None and number:
-                ways = _header_splits(told[number - 1][0], delimiter, width)
-                units = next((one for one in map(_units_alone, ways) if one), None)
+                units = _units_alone(_header_splits(told[number - 1][0], delimiter, width))
             return [with_unit(c, u, source) for c, u in zip(names, units or [""] * width, strict=True)]
         if not is_comment:
             between.append(text)
@@ -310,17 +307,19 @@ def _find_names(above: list[str], delimiter: str | None, width: int, source: str
     )
 
 
-def _units_alone(cells: list[str], names: list[str] | None = None) -> list[str] | None:
+def _units_alone(ways: list[list[str]], names: list[str] | None = None) -> list[str] | None:
     """The units of a row of units, "" for a column without; None for any other row.
 
-    names : of the columns, where they are known; the cell below one that is not understood may hold any text
+    Parameters
+    ----------
+    ways : to split the row into cells
+    names : of the columns, where they are known; the cell of one that is not understood may hold any text
     """
-    open_ = [names is not None and parse_column(name) is None for name in names or cells]
-    if not any(map(is_unit, cells)):
-        return None
-    if not all(is_unit(cell) or is_no_unit(cell) or free for cell, free in zip(cells, open_, strict=True)):
-        return None
-    return [cell.strip("()[] ") if is_unit(cell) else "" for cell in cells]
+    for cells in ways:
+        asked = [cell for column, cell in enumerate(cells) if names is None or parse_column(names[column])]
+        if any(map(is_unit, cells)) and all(is_unit(cell) or is_no_unit(cell) for cell in asked):
+            return [bare_unit(cell) if is_unit(cell) else "" for cell in cells]
+    return None
 
 
 def _header_splits(text: str, delimiter: str | None, width: int) -> list[list[str]]:
