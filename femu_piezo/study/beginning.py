@@ -15,7 +15,7 @@ from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.constants import KINDS, PiezoConstants
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, start_constants
@@ -168,7 +168,7 @@ def _fitted(measured: list[Measured], full, bases: Bases, start: PiezoConstants)
 def _fit_curves(
     measured: list[Measured], models: Sequence[ExtendedModel], free: FreeConstants
 ) -> tuple[float, np.ndarray]:
-    """rms |Δ log Z| and free constants (n,) complex: those given where they are not poor, else fitted."""
+    """rms |Δ log Z| and free constants (n,) complex: those given, at the level of the curves; fitted where poor."""
     pairs = zip(models, measured, strict=True)
     sweeps = together([(Share(), Evaluation(model, one.fitted.omega)) for model, one in pairs])
     impedance = np.concatenate([one.fitted.impedance for one in measured])
@@ -181,6 +181,21 @@ def _fit_curves(
     )
     unknowns, x = Unknowns.of_constants(free)
     error = np.log(sweeps.impedance(unknowns, x) / impedance)
-    if _is_poor(rms(error), measured):
-        x, error = closest(sweeps, data, unknowns, [x])
+    if not _is_poor(rms(error), measured):
+        return _at_level(free, error)
+    x, error = closest(sweeps, data, unknowns, [x])
     return rms(error), unknowns.material.theta(x)
+
+
+def _at_level(free: FreeConstants, error: np.ndarray) -> tuple[float, np.ndarray]:
+    """rms |Δ log Z| and free constants (n,) complex, those given with ε33T by the level of the curves.
+
+    Poles and zeros, and so log Z up to a constant, stay as they are where s is kept and d² changes as ε: Z ∝ 1/ε. The
+    constant is the median of Re and Im of log Z_model − log Z (k,) over all points.
+    """
+    if "eps33T" not in free.names:
+        return rms(error), free.start
+    _, charge, permittivity = KINDS
+    level = complex(np.median(error.real), np.median(error.imag))
+    power = [1.0 if name in permittivity else 0.5 if name in charge else 0.0 for name in free.names]
+    return rms(error - level), free.start * np.exp(level * np.array(power))
