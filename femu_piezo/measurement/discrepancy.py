@@ -209,15 +209,17 @@ class _FitResidual:
 
     def _chi_square_and_volume(self, one: Alternatives) -> tuple[np.ndarray, np.ndarray]:
         """χ² (s, n) with each alternative at every size, and the volume ½ Σ log(1 + τ g) of each."""
+        if len(one.places) == 1:
+            values, turned = one.along_axes(self.sides)
+            trace = np.sum(values) * (1 + np.iscomplexobj(turned))
+            if np.finfo(float).eps * _SIGMAS[-1] ** 2 * trace < _ROUNDING:
+                gained, volume = _by_principal_axes(values, turned[:, 1:], turned[:, 0])
+                return self.chi_square - gained, volume
         squares, sides = one.products(self.sides)
-        if len(squares) == 1 and np.finfo(float).eps * _SIGMAS[-1] ** 2 * np.trace(squares[0]) < _ROUNDING:
-            values, turned = one.along_axes(self.sides, squares[0], sides[0])
-            gained, volume = _by_principal_axes(values, turned[:, 1:], turned[:, 0])
-        else:
-            inside, along = sides[:, :, 1:], sides[:, :, 0]
-            reduced = squares - inside @ inside.transpose(0, 2, 1)
-            # elimination for many alternatives of few columns, eigenvalues for one of many
-            gained, volume = (_by_elimination if len(reduced) > 1 else _by_eigenvalues)(reduced, along)
+        inside, along = sides[:, :, 1:], sides[:, :, 0]
+        reduced = squares - inside @ inside.transpose(0, 2, 1)
+        # elimination for many alternatives of few columns, eigenvalues for one of many
+        gained, volume = (_by_elimination if len(reduced) > 1 else _by_eigenvalues)(reduced, along)
         return self.chi_square - gained, volume
 
     @staticmethod
@@ -240,21 +242,25 @@ def _by_principal_axes(values: np.ndarray, inside: np.ndarray, along: np.ndarray
     With ω = τ/(1 + τ g) and W = I − Uᵗ ω U they are bᵗω b + cᵗ W^-1 c, c = Uᵗω b, and ½ Σ log(1 + τ g) + ½ log|W|.
 
     values, inside, along : g (m,), U (m, p), b (m,);  U Uᵗ is no more than diag(g), so that no eigenvalue of W is below
-        the least 1/(1 + τ g), which has to be far above rounding
+        the least 1/(1 + τ g), which has to be far above rounding. Of complex U and b, Re and Im are rows of their own,
+        with the same g.
     """
     sizes, count = _SIGMAS[:, None] ** 2, inside.shape[1]
     grown = 1 + sizes * np.maximum(values, 0.0)
     weights, both = sizes / grown, np.concatenate([inside.T, along[None]])
     rows, columns = np.tril_indices(count + 1)
+    pairs, copies = both.real[rows] * both.real[columns], 0.5
+    if np.iscomplexobj(both):
+        pairs, copies = pairs + both.imag[rows] * both.imag[columns], 1.0
     products = np.zeros((len(sizes), count + 1, count + 1))  # [U, b]ᵗω [U, b], the lower triangle
-    products[:, rows, columns] = weights @ (both[rows] * both[columns]).T
+    products[:, rows, columns] = weights @ pairs.T
     unreduced, diagonal = products[:, -1, -1].copy(), np.arange(count)
     products[:, :count, :count] *= -1
     products[:, diagonal, diagonal] += 1
     products[:, -1, -1] = _LARGE
     factor = np.linalg.cholesky(products)  # of W, and in its last row L^-1 c
     gained = unreduced + np.sum(factor[:, -1, :count] ** 2, axis=1)
-    volume = 0.5 * np.sum(np.log(grown), axis=1) + np.sum(np.log(factor[:, diagonal, diagonal]), axis=1)
+    volume = copies * np.sum(np.log(grown), axis=1) + np.sum(np.log(factor[:, diagonal, diagonal]), axis=1)
     return gained[:, None], volume[:, None]
 
 

@@ -165,11 +165,15 @@ class Alternatives:
 
     def whitened(self, data: SweepData) -> np.ndarray:
         """(2k', n, 2m) whitened columns, Re, then Im, of the real parts, then the imaginary parts, of coefficients."""
+        white = self._white(data)
+        return stacked(np.concatenate([white, 1j * self.imaginary * white], axis=2))
+
+    def _white(self, data: SweepData) -> np.ndarray:
+        """(k', n, m) complex whitened columns φ."""
         columns = self.columns
         whole = np.zeros((data.impedance.size, *columns.shape[1:]), dtype=complex)
         whole[self.points] = columns
-        white = data.over_noise(whole)[self.points]
-        return stacked(np.concatenate([white, 1j * self.imaginary * white], axis=2))
+        return data.over_noise(whole)[self.points]
 
     def products(self, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
         """ΦᵗΦ (n, 2m, 2m) and Φᵗ V (n, 2m, p) of the whitened columns Φ times the share, and the vectors V.
@@ -180,67 +184,67 @@ class Alternatives:
         if sides.turned is None:
             among = self.indices_in(sides.data)
             whole = self._whole(sides.data, sides.share[among])
-            return self._squares(sides), whole @ sides.vectors[among]
-        acting, amounts = self._acting, self.amounts[self._acting]
-        along = sides.products.get(self._kept, lambda: self._along(sides))[:, acting]
-        along = along * (self.scale[:, None] * amounts)[:, :, None, None]
-        both = np.stack([along.real, -self.imaginary * along.imag], axis=1)
-        return self._squares(sides), both.reshape(len(both), -1, along.shape[-1])
+            return whole @ whole.transpose(0, 2, 1), whole @ sides.vectors[among]
+        key = ("squares", self.amounts.tobytes(), *self._key(sides))
+        squares, along = self._kept.get(key, lambda: self._squares_of(sides)), self._along(sides)
+        return squares, np.concatenate([along.real, -self.imaginary * along.imag], axis=1)
+
+    def along_axes(self, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
+        """Eigenvalues (2m,) of ΦᵗΦ of a single alternative, and its ΦᵗV (2m, p) along the eigenvectors.
+
+        Where Re and Im weigh the same, in coefficients and in data, those of φᴴφ, (m,) and complex (m, p): an
+        eigenvalue then counts twice, for Re and Im along its eigenvector. Eigenvectors are kept as the products are.
+        """
+        if self.imaginary != 1 or sides.turned is None:
+            squares, along = self.products(sides)
+            values, axes = np.linalg.eigh(squares[0])
+            return values, axes.T @ along[0]
+        key = ("axes", self.amounts.tobytes(), *self._key(sides))
+        values, axes = self._kept.get(key, lambda: np.linalg.eigh(_real_if_so(self._hermitian(sides)[0])))
+        return values, axes.conj().T @ self._along(sides)[0].conj()
 
     def _along(self, sides: Sides) -> np.ndarray:
-        """Σ row · factor · v (n, t', s, p) over the points, of every factor, without amounts and scale."""
+        """φᵗv (n, m, p)."""
+        acting, amounts = self._acting, self.amounts[self._acting]
+        along = sides.products.get(self._kept, lambda: self._along_of_every_factor(sides))[:, acting]
+        along = along * (self.scale[:, None] * amounts)[:, :, None, None]
+        return along.reshape(len(along), -1, along.shape[-1])
+
+    def _along_of_every_factor(self, sides: Sides) -> np.ndarray:
+        """Σ row · factor · v (n, t', s, p) over the points, without amounts and scale."""
         n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
         along = self.factors[:, :, None] * sides.turned[self.points]  # (t', k', p)
         along = _times(self.rows.reshape(-1, self.points.size), along.transpose(1, 0, 2).reshape(self.points.size, -1))
         return along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3)
 
-    def along_axes(self, sides: Sides, squares: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Eigenvalues (2m,) of ΦᵗΦ (2m, 2m) of a single alternative, and its ΦᵗV (2m, p) along the eigenvectors.
-
-        Where Re and Im weigh the same, in coefficients and in data, ΦᵗΦ is φᴴφ, complex and of half the size. The
-        eigenvectors are kept as the products are.
-        """
-        half = len(squares) // 2
-        if self.imaginary != 1 or sides.turned is None:
-            values, axes = np.linalg.eigh(squares)
-            return values, axes.T @ along
-
-        def decomposed() -> tuple[np.ndarray, np.ndarray]:
-            inner, across = squares[:half, :half], squares[half:, :half]
-            return np.linalg.eigh(inner + 1j * across if np.any(across) else inner)
-
-        values, axes = self._kept.get(("axes", self.amounts.tobytes(), *self._key(sides)), decomposed)
-        turned = axes.conj().T @ (along[:half] + 1j * along[half:])
-        return np.tile(values, 2), np.concatenate([turned.real, turned.imag])
-
     def _key(self, sides: Sides) -> tuple[Hashable, ...]:
         data, share = sides.data, sides.share[self.indices_in(sides.data)]
         return share.tobytes(), data.relative_noise.tobytes(), data.noise_memory
 
-    def _squares(self, sides: Sides) -> np.ndarray:
-        """ΦᵗΦ (n, 2m, 2m)."""
-        key = ("squares", self.amounts.tobytes(), *self._key(sides))
-        return self._kept.get(key, lambda: self._squares_of(sides))
-
     def _squares_of(self, sides: Sides) -> np.ndarray:
-        """ΦᵗΦ (n, 2m, 2m), not kept; by complex products where noise is white and Re and Im have the same share."""
+        """ΦᵗΦ (n, 2m, 2m) where Re and Im have the same share."""
+        inner = self._hermitian(sides)
+        n, size = inner.shape[:2]
+        found = np.empty((n, 2, size, 2, size))
+        found[:, 0, :, 0], found[:, 1, :, 1] = inner.real, self.imaginary**2 * inner.real
+        found[:, 1, :, 0], found[:, 0, :, 1] = self.imaginary * inner.imag, -self.imaginary * inner.imag
+        return found.reshape(n, 2 * size, -1)
+
+    def _hermitian(self, sides: Sides) -> np.ndarray:
+        """φᴴφ (n, m, m) where Re and Im have the same share."""
         share = sides.share[self.indices_in(sides.data)]
-        if any(sides.data.noise_memory) or sides.turned is None:
-            whole = self._whole(sides.data, share)
-            return whole @ whole.transpose(0, 2, 1)
+        if any(sides.data.noise_memory):
+            white = (self._white(sides.data) * share[: self.points.size, None, None]).transpose(1, 0, 2)
+            return white.conj().transpose(0, 2, 1) @ white
         n, rows, size = len(self.rows), self.rows.shape[1], self._acting.size
-        found = np.empty((n, 2, size, rows, 2, size, rows))
+        found = np.empty((n, size, rows, size, rows), dtype=complex)
         for row, first in enumerate(self._acting):
             for column, second in enumerate(self._acting[: row + 1]):
                 amount = self.amounts[first] * self.amounts[second] * self.scale[:, None, None] ** 2
                 block = amount * self._product(sides, share, first, second)
-                for a, b in ((row, column), (column, row)):
-                    found[:, 0, a, :, 0, b] = found[:, 1, a, :, 1, b] = block.real
-                    found[:, 1, a, :, 0, b], found[:, 0, a, :, 1, b] = block.imag, -block.imag
-                    block = block.conj().transpose(0, 2, 1)
-        found[:, 1] *= self.imaginary
-        found[:, :, :, :, 1] *= self.imaginary
-        return found.reshape(n, 2 * size * rows, -1)
+                found[:, row, :, column] = block
+                found[:, column, :, row] = block.conj().transpose(0, 2, 1)
+        return found.reshape(n, size * rows, -1)
 
     def _product(self, sides: Sides, share: np.ndarray, first: int, second: int) -> np.ndarray:
         """Σ conj(row · first) row · second (n, s, s) over the points, of two whitened factors; kept.
@@ -268,6 +272,11 @@ class Alternatives:
         if self.pairs is None:
             return (self.rows.conj() * weight) @ self.rows.transpose(0, 2, 1)
         return _weighted_pairs(self.pairs, weight)
+
+
+def _real_if_so(matrix: np.ndarray) -> np.ndarray:
+    """A complex matrix, or its real part where there is no other."""
+    return matrix if np.any(matrix.imag) else matrix.real
 
 
 def _times(rows: np.ndarray, right: np.ndarray) -> np.ndarray:
