@@ -15,6 +15,7 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -31,6 +32,7 @@ CONSTANTS = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "
 """The ten complex material parameters by their names in specimen files (IEEE 176; T: at constant stress)."""
 
 _LARGEST_FILE = 1_000_000
+_KEPT = 4  # specimen files whose content is kept
 _FREE = {"thickness": ("s11", "d31", "eps33T"), "length": ("s33", "d33", "eps33T")}
 _FREE_IN_SHEAR = ("s44", "d15", "eps11T")
 
@@ -548,17 +550,11 @@ def read_specimens(paths: Sequence[Path | str] | Path | str, data_file: Path | s
     found = []
     several = isinstance(paths, Iterable) and not isinstance(paths, str)
     for path in map(path_of, paths if several else [paths]):
-        data = _parse_toml(path)
-        members = data.get("specimens")
-        if members is None:
-            found.append(_specimen_of(data, path, data_file))
-            continue
-        right = 'a study file has only the key specimens = ["k31.toml", "k33.toml"], with paths relative to it'
-        if set(data) - {"specimens", "name"} or not isinstance(members, list) or not members:
-            raise InputError(f"{path}: {right}")
-        if not all(isinstance(member, str) for member in members):
-            raise InputError(f"{path}: specimens = {shown(members)} holds entries that are not paths; {right}")
-        found += [read_specimen(_resolve(member, path, f"{path}: specimens")) for member in members]
+        content = _content(path, data_file)
+        if isinstance(content, Specimen):
+            found.append(content)
+        else:
+            found += [read_specimen(_resolve(member, path, f"{path}: specimens")) for member in content]
     if data_file is not None and len(found) > 1:
         raise InputError("--data gives the sweep of one specimen; with several, name each sweep in its own file")
     return found
@@ -572,7 +568,42 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
     Raises InputError where the file or any value in it cannot be used.
     """
     path = path_of(path)
-    return _specimen_of(_parse_toml(path), path, data_file)
+    return _specimen_of(_parse_toml(read_bytes(path, _LARGEST_FILE), path), path, data_file)
+
+
+def _content(path: Path, data_file: Path | str | None) -> Specimen | list[str]:
+    """The specimen of a file, or what a study file names."""
+    raw = read_bytes(path, _LARGEST_FILE)
+    if data_file is None or b"$" in raw or b"~" in raw:
+        return _content_of(raw, path, data_file)
+    content = _with_any_sweep(raw, path, os.getcwd())
+    if not isinstance(content, Specimen):
+        return content
+    file = _resolve(str(path_of(data_file).absolute()), path, f"{path}: measurement.file")
+    table = (content.measurement or Measurement()).model_copy(update={"file": file})
+    return content.model_copy(update={"measurement": table})
+
+
+@lru_cache(maxsize=_KEPT)
+def _with_any_sweep(raw: bytes, path: Path, folder: str) -> Specimen | list[str]:
+    """As `_content`, itself as the sweep. Kept, as the sweeps of a lot are of one file.
+
+    folder : that to which the path is relative
+    """
+    return _content_of(raw, path, path)
+
+
+def _content_of(raw: bytes, path: Path, data_file: Path | str | None) -> Specimen | list[str]:
+    data = _parse_toml(raw, path)
+    members = data.get("specimens")
+    if members is None:
+        return _specimen_of(data, path, data_file)
+    right = 'a study file has only the key specimens = ["k31.toml", "k33.toml"], with paths relative to it'
+    if set(data) - {"specimens", "name"} or not isinstance(members, list) or not members:
+        raise InputError(f"{path}: {right}")
+    if not all(isinstance(member, str) for member in members):
+        raise InputError(f"{path}: specimens = {shown(members)} holds entries that are not paths; {right}")
+    return members
 
 
 def _specimen_of(data: dict[str, Any], path: Path, data_file: Path | str | None) -> Specimen:
@@ -638,9 +669,8 @@ def with_method(specimens: Sequence[Specimen], method: str) -> list[Specimen]:
     return [one.model_copy(update={"update": table}) for one, table in zip(specimens, tables, strict=True)]
 
 
-def _parse_toml(path: Path) -> dict[str, Any]:
+def _parse_toml(raw: bytes, path: Path) -> dict[str, Any]:
     """The tables of a TOML file as they stand."""
-    raw = read_bytes(path, _LARGEST_FILE)
     try:
         text = raw.decode("utf-8-sig")
         if "\0" in text:
