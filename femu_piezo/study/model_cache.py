@@ -24,6 +24,7 @@ from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.study.problem import Problem
+from femu_piezo.threads import Once
 
 #: Relative range of the free constants that one reduced basis is trained for, how far from its centre a result may end,
 #: and how many bases are made at most.
@@ -151,6 +152,12 @@ class Bases:
             lambda: extend_model(model, training, effects, band, accuracy=accuracy),
         )
 
+    def curve(
+        self, model: ExtendedModel, omega: np.ndarray, constants: PiezoConstants, make: Callable[[], np.ndarray]
+    ) -> np.ndarray:
+        """Z (k,) of constants at ω (k,) by a basis, without effects, as `make` computes it; ohm."""
+        return make()
+
     def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
         """The frequency, Hz, that is used in place of a given one; not lower."""
         return frequency_Hz
@@ -183,7 +190,7 @@ class SharedBases(Bases):
     Parameters
     ----------
     models, bases, extended : how many are kept, the latest used; a basis takes some MB, a model up to some 100 MB, a
-        basis with effects up to some 100 MB
+        basis with effects up to some 100 MB; as many curves of constants are kept as bases with effects
 
     Attributes
     ----------
@@ -195,6 +202,7 @@ class SharedBases(Bases):
         self._most = {"model": models, "rough": bases, "extended": extended}
         self._shelves = {kind: OrderedDict() for kind in self._most}
         self._keys: WeakKeyDictionary[ElectroelasticModel, Hashable] = WeakKeyDictionary()
+        self._curves = Once(latest=extended)
         self._guard = Lock()
         self.made = self.used = 0
 
@@ -205,6 +213,11 @@ class SharedBases(Bases):
     def around(self, problem: Problem, constants: PiezoConstants) -> PiezoConstants:
         near = _rounded(problem, problem.free(constants), CLOSE)
         return constants if near is None else problem.simplified(near)
+
+    def curve(
+        self, model: ExtendedModel, omega: np.ndarray, constants: PiezoConstants, make: Callable[[], np.ndarray]
+    ) -> np.ndarray:
+        return self._curves.get((model, omega.tobytes(), _bits(constants.vector())), make)
 
     def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
         """The next rung at or above a frequency, Hz; a share of 1e-9 above a rung still belongs to it."""

@@ -24,6 +24,7 @@ from femu_piezo.inference.budget import constants_of, estimates_of
 from femu_piezo.inference.fit import Fit, with_discrepancy
 from femu_piezo.inference.identifiability import Identifiability, identifiability
 from femu_piezo.inference.readings import contradictions
+from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sampling import sample_posterior
 from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.starts.pole_zero import Step
@@ -267,7 +268,7 @@ def _outcome(
         measured=one,
         matched=matched,
         capacitance=capacitance_stated(one, partial(posterior.impedance, index, found)),
-        base_curve=_baseline_curve(evaluation, unknowns, posterior.problem.free(base)),
+        base_curve=_baseline_curve(posterior, evaluation, unknowns, base),
         updated_curve=posterior.curve(index, found),
         history=history,
         to_sensitivity=partial(sensitivity_with_effects, one.problem.specimen.name, evaluation, unknowns, x),
@@ -280,9 +281,14 @@ def _outcome(
     )
 
 
-def _baseline_curve(evaluation, own: Unknowns, free) -> np.ndarray:
+def _baseline_curve(posterior: Posterior, evaluation: Evaluation, own: Unknowns, base: PiezoConstants) -> np.ndarray:
     """Z (k,) of the constants of the file with its known effects, ohm."""
-    return evaluation.impedance(*Unknowns.of_constants(free, own.fixed))
+    unknowns, x = Unknowns.of_constants(posterior.problem.free(base), own.fixed)
+
+    def made() -> np.ndarray:
+        return evaluation.impedance(unknowns, x)
+
+    return made() if own.fixed else posterior.bases.curve(evaluation.model, evaluation.omega, base, made)
 
 
 def _known(found: Fit) -> Identifiability:
