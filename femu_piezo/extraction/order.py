@@ -300,8 +300,9 @@ def _likely_poles(current: Fit) -> list[complex]:
     r = r - basis @ (basis.conj().T @ r)
     trials, atoms, power = _scan(np.ascontiguousarray(x).tobytes())
     whole = np.abs(row) ** 2 @ power
-    along = (row * np.column_stack([basis, r]).conj().T) @ atoms
-    squares = along.real**2 + along.imag**2
+    left = row * np.column_stack([basis, r]).conj().T
+    real, imaginary = (np.concatenate([left.real, left.imag]) @ atoms).reshape(2, len(left), 2, -1)
+    squares = (real[:, 0] - imaginary[:, 1]) ** 2 + (real[:, 1] + imaginary[:, 0]) ** 2
     rest = whole - np.sum(squares[:-1], axis=0)
     gain = np.where(rest > _FOLLOWED * whole, squares[-1], 0.0) / np.maximum(rest, _FOLLOWED * whole)
     found: list[complex] = []
@@ -313,7 +314,7 @@ def _likely_poles(current: Fit) -> list[complex]:
 
 @lru_cache(maxsize=1)
 def _scan(positions: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Trial poles z (m,), and 1/(z − x) and its |·|² at x (n,), (n, m) each.
+    """Trial poles z (m,), and at x (n,) Re, then Im of 1/(z − x), (n, 2m), and its |·|² (n, m).
 
     Half-widths run from half the point spacing to a quarter of the sweep. Further trial poles lie above the sweep,
     where the next overtone is, since a pole that starts inside takes many steps to get there. Cached, since all scans
@@ -327,7 +328,7 @@ def _scan(positions: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         parts.append(np.interp(np.linspace(0, x.size - 1, count), np.arange(x.size), x) + 1j * width)
     trials = np.concatenate(parts)
     atoms = 1 / (trials - x[:, None])
-    return trials, atoms, np.abs(atoms) ** 2
+    return trials, np.hstack([atoms.real, atoms.imag]), np.abs(atoms) ** 2
 
 
 def _record(result: Fit, tried: list[Candidate]) -> Fit:

@@ -54,8 +54,8 @@ _CURVES = 4
 #: Most points of a sweep whose forms are kept: further resonances for the next sweep of the same frequencies, smooth
 #: errors of a curve for the next fit.
 _KEPT = 2000
-#: Number of values kept for forms of the same rows: products of two factors; ΦᵗΦ and its axes for each share w.
-_PRODUCTS = 3 + 2 * len(SHARES)
+#: Number of values kept for forms of the same rows: products of factors; ΦᵗΦ or its axes for each share w.
+_PRODUCTS = 2 + len(SHARES)
 #: Share of the largest variance below which a component is left out.
 _NEGLIGIBLE = 1e-4
 #: Share of C (median over the sweep) below which a pole of the rational function of a curve is due to rounding, and the
@@ -129,17 +129,14 @@ class Alternatives:
         return replace(self, amounts=np.array(amounts))
 
     def one_by_one(self) -> Iterator[Alternatives]:
-        """These alternatives with each factor alone, scaled as `of_size_one`; all share the kept products."""
-        for amounts in np.eye(len(self.factors)):
-            yield self.mixed(amounts).of_size_one()
+        """These alternatives with each factor alone, scaled to rms 1 of Re and Im over their sweep.
 
-    def of_size_one(self) -> Alternatives:
-        """These alternatives, of which a single factor acts, scaled to rms 1 of Re and Im over their sweep."""
-        (acting,) = self._acting
-        weight = np.abs(self.factors[acting]) ** 2
+        All share the kept products.
+        """
         squares = np.abs(self.rows) ** 2 if self.pairs is None else np.einsum("nssk->nsk", self.pairs)
-        power = np.sum(squares @ weight, axis=1) / self.points.size
-        return replace(self, scale=1 / np.sqrt(power))
+        power = np.sum(squares @ np.abs(self.factors.T) ** 2, axis=1) / self.points.size  # (n, t')
+        for amounts, own in zip(np.eye(len(self.factors)), power.T, strict=True):
+            yield replace(self, amounts=amounts, scale=1 / np.sqrt(own))
 
     @property
     def _acting(self) -> np.ndarray:
@@ -252,12 +249,15 @@ class Alternatives:
         Without amounts and scale.
         """
 
+        weight = (sides.data.weight[self.points] * share[: self.points.size]) ** 2
+        if first == second:  # of all factors at once; |factor|² is real, without rounding
+            every = np.abs(self.factors) ** 2 * weight
+            return self._kept.get(("products", *self._key(sides)), lambda: self._weighted(every))[first]
+        across = self.factors[first].conj() * self.factors[second] * weight
+
         def made() -> np.ndarray:
-            weight = (sides.data.weight[self.points] * share[: self.points.size]) ** 2
-            # |factor|² is real, without rounding
-            factor = self.factors[first]
-            across = np.abs(factor) ** 2 if first == second else factor.conj() * self.factors[second]
-            return self._weighted(across * weight)
+            real, imaginary = self._weighted(np.stack([across.real, across.imag]))
+            return real + 1j * imaginary
 
         return self._kept.get(("product", int(first), int(second), *self._key(sides)), made)
 
@@ -265,13 +265,11 @@ class Alternatives:
         """Φᵗ (n, 2m, 2k')."""
         return np.ascontiguousarray((self.whitened(data) * share[:, None, None]).transpose(1, 2, 0))
 
-    def _weighted(self, weight: np.ndarray) -> np.ndarray:
-        """Σ w conj(row) row (n, s, s) for real or complex weights w (k')."""
-        if np.iscomplexobj(weight):
-            return self._weighted(weight.real) + 1j * self._weighted(weight.imag)
+    def _weighted(self, weights: np.ndarray) -> np.ndarray:
+        """Σ w conj(row) row (t, n, s, s) for real weights w (t, k')."""
         if self.pairs is None:
-            return (self.rows.conj() * weight) @ self.rows.transpose(0, 2, 1)
-        return _weighted_pairs(self.pairs, weight)
+            return np.stack([(self.rows.conj() * weight) @ self.rows.transpose(0, 2, 1) for weight in weights])
+        return _weighted_pairs(self.pairs, weights)
 
 
 def _real_if_so(matrix: np.ndarray) -> np.ndarray:
@@ -418,10 +416,10 @@ def _kept_at_places(frequencies: bytes, quality: float) -> tuple[np.ndarray, np.
     return places, rows, pairs.reshape(len(places), 2, 2, -1)
 
 
-def _weighted_pairs(pairs: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Σ w conj(row) row (n, s, s) of pairs (n, s, s, k') as `Alternatives` keeps them, for real weights w (k')."""
-    packed = (pairs.reshape(-1, weight.size) @ weight).reshape(pairs.shape[:3])
-    turned, below = packed.transpose(0, 2, 1), np.tri(packed.shape[1], k=-1, dtype=bool)
+def _weighted_pairs(pairs: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Σ w conj(row) row (t, n, s, s) of pairs (n, s, s, k') as in `Alternatives`, for real weights w (t, k')."""
+    packed = (pairs.reshape(-1, weights.shape[1]) @ weights.T).T.reshape(-1, *pairs.shape[:3])
+    turned, below = packed.transpose(0, 1, 3, 2), np.tri(packed.shape[-1], k=-1, dtype=bool)
     return np.where(below, turned, packed) + 1j * np.where(below, -packed, np.where(below.T, turned, 0.0))
 
 

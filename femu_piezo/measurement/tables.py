@@ -180,7 +180,8 @@ def _with_points(lines: list[str], source: str) -> list[str]:
 
     Raises InputError where every such number may have separators of thousands as well.
     """
-    quoted = [match for line in lines if re.search('",|,"', line) for match in _QUOTED_COMMA.findall(line)]
+    some = [line for line in lines if '"' in line]
+    quoted = [match for line in some if re.search('",|,"', line) for match in _QUOTED_COMMA.findall(line)]
     if not quoted:
         return lines
     if all(re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", number) for number in quoted):
