@@ -13,20 +13,25 @@ X = (π/2) fp/fs and Δ = fp − fs:
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import jv
 
+#: Frequencies and couplings, complex with losses: f = √λ/2π of an eigenvalue λ = ω²(1 + jη).
+Number = TypeVar("Number", float, complex)
 
-def transverse_coupling(fs: float, fp: float) -> float:
+
+def transverse_coupling(fs: Number, fp: Number) -> Number:
     """k² of a body excited across its length (k31): k²/(1 − k²) = (π/2)(fp/fs) tan[(π/2)(fp − fs)/fs]."""
     ratio = np.pi / 2 * fp / fs * np.tan(np.pi / 2 * (fp - fs) / fs)
-    return float(ratio / (1 + ratio))
+    return (ratio / (1 + ratio)).item()
 
 
-def longitudinal_coupling(fs: float, fp: float) -> float:
+def longitudinal_coupling(fs: Number, fp: Number) -> Number:
     """k² of a body excited along its motion (k33, kt, k15): k² = (π/2)(fs/fp) tan[(π/2)(fp − fs)/fp]."""
-    return float(np.pi / 2 * fs / fp * np.tan(np.pi / 2 * (fp - fs) / fp))
+    return (np.pi / 2 * fs / fp * np.tan(np.pi / 2 * (fp - fs) / fp)).item()
 
 
 def disk_root(poisson: float, overtone: int = 0) -> float:
@@ -39,11 +44,11 @@ def disk_root(poisson: float, overtone: int = 0) -> float:
     return float(brentq(mismatch, *bounds, xtol=1e-14))
 
 
-def planar_coupling(poisson: float, fs: float, fp: float) -> float:
+def planar_coupling(poisson: float, fs: Number, fp: Number) -> Number:
     """kp² of a thin disk from its fundamental: kp²/(1 − kp²) = [(1 − σ) − η J0(η)/J1(η)]/(1 + σ), η = η1 fp/fs."""
     eta = disk_root(poisson) * fp / fs
     odds = ((1 - poisson) - eta * jv(0, eta) / jv(1, eta)) / (1 + poisson)
-    return float(odds / (1 + odds))
+    return (odds / (1 + odds)).item()
 
 
 def disk_poisson(ratio: float) -> float | None:

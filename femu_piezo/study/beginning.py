@@ -28,6 +28,8 @@ from femu_piezo.study.tolerances import has_held_tolerances
 
 #: Relative noise of the fits; large, as meshes and bases are coarse, since their constants are only a start.
 _NOISE = 1e-2
+#: Relative distance of λ at which the pole-zero update ends, small beside the errors of mesh and basis.
+_TOLERANCE = COARSE_BASIS / 10
 #: Constants are poor if rms |Δ log Z| is above this multiple of the noise and above this value.
 _POOR, _LEAST_POOR = 10.0, 5e-3
 #: Frequency over that of the expected fundamental from which the lowest mode of a sweep counts as an overtone: the next
@@ -143,7 +145,7 @@ def _one_of_each(measured: Sequence[Measured]) -> dict[str, Measured]:
 
 def _from_pole_zero(measured: list[Measured], full, bases: Bases):
     """rms |Δ log Z|, constants and histories of the pole-zero update; constants fitted to the curves if poor."""
-    state = pole_zero_update(measured, full, bases, start_constants(measured), COARSE_BASIS)
+    state = pole_zero_update(measured, full, bases, start_constants(measured), COARSE_BASIS, _TOLERANCE)
     return (*_fitted(measured, full, bases, state.constants), state.histories)
 
 

@@ -100,7 +100,7 @@ class Measured:
         values = {}
         if "eps33T" in free:
             values["eps33T"] = self._start_permittivity()
-        eps = values.get("eps33T", self.problem.constants.eps33T).real
+        eps = values.get("eps33T", self.problem.constants.eps33T)
         found = start_values(self.problem, self.pair, eps)
         return values | {name: value for name, value in found.items() if name in free}
 

@@ -15,7 +15,7 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.many_modes import LowEnd, ManyModes, MeasuredModes, update_many
-from femu_piezo.inference.starts.pole_zero import PoleZeroUpdate, Step, update_pair, update_simplified
+from femu_piezo.inference.starts.pole_zero import TOLERANCE, PoleZeroUpdate, Step, update_pair, update_simplified
 from femu_piezo.inference.unknowns import Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import simplify
@@ -88,34 +88,44 @@ def pole_zero_update(
     bases: Bases,
     start: PiezoConstants,
     accuracy: float,
+    tolerance: float = TOLERANCE,
 ) -> PoleZeroState:
-    """Iterate from start constants on bases within `accuracy` of Z; ConvergenceError where it does not settle."""
+    """Iterate from start constants on bases within `accuracy` of Z; ConvergenceError where it does not settle.
+
+    tolerance : relative distance of λ of pole and zero at which the iteration ends
+    """
     histories = []  # by every basis; those by the first one led to the constants
 
     def step(free: FreeConstants, models: Sequence[ExtendedModel]) -> tuple[PoleZeroState, PiezoConstants]:
-        state = _iterated(measured, models, free)
+        state = _iterated(measured, models, free, tolerance)
         histories.append(state.histories)
         return state, state.constants
 
     return replace(bases.following(measured, full, start, accuracy, step), histories=histories[0])
 
 
-def _iterated(measured: Sequence[Measured], models: Sequence[ExtendedModel], free: FreeConstants) -> PoleZeroState:
+def _iterated(
+    measured: Sequence[Measured], models: Sequence[ExtendedModel], free: FreeConstants, tolerance: float
+) -> PoleZeroState:
     constants, histories = free.constants(free.start), []
     for one, model in zip(measured, models, strict=True):
         names = pair_names(one.problem.plate)
         if not names or not set(names) <= set(free.names):
             histories.append((Step(constants, np.full(2, np.nan + 0j)),))
             continue
-        found = _of_one(one, model, constants, names)
+        found = _of_one(one, model, constants, names, tolerance)
         constants = found.constants
         histories.append(found.history)
     return PoleZeroState(constants, tuple(histories))
 
 
-def _of_one(one: Measured, model: ExtendedModel, constants: PiezoConstants, names: tuple[str, ...]) -> PoleZeroUpdate:
+def _of_one(
+    one: Measured, model: ExtendedModel, constants: PiezoConstants, names: tuple[str, ...], tolerance: float
+) -> PoleZeroUpdate:
     simplified, poling = one.problem.specimen.material.simplified, one.problem.plate.poling
     target = np.array([one.pair.pole.eigenvalue, one.pair.zero.eigenvalue])
     if simplified:
-        return update_simplified(reduced_source(model), simplify(constants, poling), target, constants.eps33T)
-    return update_pair(reduced_source(model), FreeConstants.of(constants, names, poling=poling), target)
+        simple = simplify(constants, poling)
+        return update_simplified(reduced_source(model), simple, target, constants.eps33T, tolerance=tolerance)
+    free = FreeConstants.of(constants, names, poling=poling)
+    return update_pair(reduced_source(model), free, target, tolerance=tolerance)

@@ -15,7 +15,7 @@ from femu_piezo.inference.starts.thin_body import bar_permittivity, bar_start, d
 from femu_piezo.material.constants import KINDS, PiezoConstants
 from femu_piezo.study.problem import Problem
 
-#: Loss tangent that every start value is given.
+#: Loss tangent that a start value of ε33T is given: the level of the curve tells it better than one point.
 _TANGENT = 0.01
 #: Relative difference of electrode area times gap from the volume below which the field is uniform.
 _UNIFORM = 1e-4
@@ -44,8 +44,8 @@ def solid_disk_radius(shape: Shape) -> float | None:
     return None
 
 
-def start_values(problem: Problem, pair: Pair, eps33T: float) -> dict[str, complex]:
-    """Constants that pole and zero give by a thin-body formula; none where the body is poled askew.
+def start_values(problem: Problem, pair: Pair, eps33T: complex) -> dict[str, complex]:
+    """Complex constants that pole and zero give by a thin-body formula; none where the body is poled askew.
 
     Bar: s and d. Disk: s11 and d31, and s12 at the specimen file's Poisson ratio. Others: as a bar whose first mode
     lies where that of the file's constants is expected.
@@ -53,17 +53,15 @@ def start_values(problem: Problem, pair: Pair, eps33T: float) -> dict[str, compl
     shape, constants = problem.plate, problem.constants
     if not is_poled_along_field(shape):
         return {}
-    pole, zero = pair.pole.frequency_Hz, pair.zero.frequency_Hz
+    pole, zero = (complex(np.sqrt(one.eigenvalue)) / (2 * np.pi) for one in (pair.pole, pair.zero))
     radius = solid_disk_radius(shape)
     if radius is not None:
-        found = disk_start(radius, problem.density, _poisson(problem), pole, zero, eps33T)
-    elif isinstance(shape, Plate):
+        return disk_start(radius, problem.density, _poisson(problem), pole, zero, eps33T)
+    if isinstance(shape, Plate):
         length = shape.length if shape.poling == "length" else max(shape.length, shape.width)
-        found = bar_start(shape.poling, length, problem.density, pole, zero, eps33T)
     else:
         length = float(1 / (2 * problem.expected_pole_Hz * np.sqrt(problem.density * constants.s11.real)))
-        found = bar_start(shape.poling, length, problem.density, pole, zero, eps33T)
-    return {name: value * (1 - 1j * _TANGENT) for name, value in found.items()}
+    return bar_start(shape.poling, length, problem.density, pole, zero, eps33T)
 
 
 def start_permittivity(problem: Problem, pair: Pair, frequency_Hz: float, admittance: complex) -> complex:

@@ -32,6 +32,22 @@ def _frequency(eigenvalue: complex) -> float:
     return float(np.sqrt(eigenvalue.real) / (2 * np.pi))
 
 
+def test_disk_start_gives_the_losses_of_a_lossy_disk(truth):
+    """From complex pole and zero of a lossy thin disk with the right Poisson ratio: its complex constants."""
+    material, radius = truth.lossless(), 12e-3
+    tangents = {"s11": 0.015, "s12": 0.015, "d31": 0.02, "eps33T": 0.025}
+    lossy = {name: getattr(material, name) * (1 - 1j * tangent) for name, tangent in tangents.items()}
+    material = material.with_values(**lossy)
+    pole, zero = (
+        complex(np.sqrt(thin_disk_eigenvalues(material, DENSITY, radius, 1, circuit)[0])) / (2 * np.pi)
+        for circuit in ("short", "open")
+    )
+    poisson = float(-(material.s12 / material.s11).real)
+    found = disk_start(radius, DENSITY, poisson, pole, zero, material.eps33T)
+    for name in ("s11", "s12", "d31"):
+        assert found[name] == pytest.approx(lossy[name], rel=1e-9, abs=0), name
+
+
 def test_disk_start_inverts_the_disk_formulas(truth):
     """From pole and zero of a lossless thin disk with the right Poisson ratio: its constants to rounding."""
     material, radius = truth.lossless(), 12e-3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import newton
 
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.linear_solver import factorize
@@ -72,6 +73,29 @@ def test_bar_start_inverts_the_bar_formulas(poling):
         y = 1 / k33_bar_impedance(omega, length, 1, density, PZT.s33.real, PZT.d33.real, PZT.eps33T.real)
         gap, area = length, 1.0
     assert bar_permittivity(poling, pole, zero, 0.8 * pole, y, gap, area) == pytest.approx(PZT.eps33T.real, rel=1e-3)
+
+
+@pytest.mark.parametrize("poling", ["thickness", "length"])
+def test_bar_start_gives_the_losses_of_a_lossy_bar(poling):
+    """From complex pole and zero of a lossy 1-D bar, where Y or Z is infinite and 0: its complex constants, exactly."""
+    length, density = 30e-3, 7600.0
+    s11, s33 = PZT.s11.real * (1 - 0.012j), PZT.s33.real * (1 - 0.014j)
+    d31, d33, eps33T = PZT.d31.real * (1 - 0.02j), PZT.d33.real * (1 - 0.017j), PZT.eps33T.real * (1 - 0.025j)
+    if poling == "thickness":
+        truth = {"s11": s11, "d31": d31}
+        pole = 1 / (2 * length * np.sqrt(density * s11))
+        zero = newton(
+            lambda f: k31_bar_admittance(2 * np.pi * f, length, 1, 1, density, s11, d31, eps33T), 1.05 * pole, tol=1e-9
+        )
+    else:
+        truth = {"s33": s33, "d33": d33}
+        zero = 1 / (2 * length * np.sqrt(density * s33 * (1 - d33**2 / (s33 * eps33T))))
+        pole = newton(
+            lambda f: k33_bar_impedance(2 * np.pi * f, length, 1, density, s33, d33, eps33T), 0.8 * zero, tol=1e-9
+        )
+    found = bar_start(poling, length, density, complex(pole), complex(zero), eps33T)
+    for name, value in truth.items():
+        assert found[name] == pytest.approx(value, rel=1e-9, abs=0), name
 
 
 def test_vm175_cube():

@@ -18,6 +18,9 @@ from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import Simplified, SimplifiedK31, SimplifiedK33
 
+#: Relative distance |λ_model − λ_measured| at which an iteration ends.
+TOLERANCE = 1e-10
+
 
 @dataclass(frozen=True)
 class Step:
@@ -118,7 +121,7 @@ def update_simplified(
     measured: np.ndarray,
     eps33T: complex,
     *,
-    tolerance: float = 1e-10,
+    tolerance: float = TOLERANCE,
     max_iterations: int = 40,
 ) -> PoleZeroUpdate:
     """The paper's update of (s11, d31) or (s33, d33) at known ε33T and s12 or s13.
@@ -154,7 +157,7 @@ def update_pair(
     free: FreeConstants,
     measured: np.ndarray,
     *,
-    tolerance: float = 1e-10,
+    tolerance: float = TOLERANCE,
     max_iterations: int = 40,
 ) -> PoleZeroUpdate:
     """Complex Newton iteration for two free constants of the full model: Σ (∂λ_i/∂θ_n) δθ_n = λ_i' − λ_i (app. A).

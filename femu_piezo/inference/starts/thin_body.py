@@ -10,6 +10,7 @@ import numpy as np
 
 from femu_piezo.material.simplified import Poling
 from femu_piezo.standards.formulas import (
+    Number,
     disk_root,
     longitudinal_coupling,
     longitudinal_share,
@@ -20,19 +21,19 @@ from femu_piezo.standards.formulas import (
 )
 
 
-def bar_coupling(poling: Poling, pole_Hz: float, zero_Hz: float) -> float:
-    """k31² (poling "thickness") or k33² ("length") of a bar with this pole and zero."""
+def bar_coupling(poling: Poling, pole_Hz: Number, zero_Hz: Number) -> Number:
+    """k31² (poling "thickness") or k33² ("length") of a bar with this pole and zero, complex with losses."""
     return (longitudinal_coupling if poling == "length" else transverse_coupling)(pole_Hz, zero_Hz)
 
 
 def bar_start(
-    poling: Poling, length: float, density: float, pole_Hz: float, zero_Hz: float, eps33T: float
-) -> dict[str, float]:
-    """Real s11 and d31 (poling "thickness") or s33 and d33 ("length") of a bar with this pole and zero.
+    poling: Poling, length: float, density: float, pole_Hz: Number, zero_Hz: Number, eps33T: Number
+) -> dict[str, Number]:
+    """s11 and d31 (poling "thickness") or s33 and d33 ("length") of a bar with this pole and zero.
 
     Parameters
     ----------
-    length : m; density : kg/m³; eps33T : F/m
+    length : m; density : kg/m³; eps33T : F/m;  pole_Hz, zero_Hz : √λ/2π; complex λ and ε give complex constants
 
     Returns
     -------
@@ -41,9 +42,9 @@ def bar_start(
     k2 = bar_coupling(poling, pole_Hz, zero_Hz)
     if poling == "thickness":
         s11 = 1 / (4 * density * length**2 * pole_Hz**2)
-        return {"s11": s11, "d31": -float(np.sqrt(k2 * s11 * eps33T))}
+        return {"s11": s11, "d31": -np.sqrt(k2 * s11 * eps33T)}
     s33 = 1 / (4 * density * length**2 * zero_Hz**2 * (1 - k2))
-    return {"s33": s33, "d33": float(np.sqrt(k2 * s33 * eps33T))}
+    return {"s33": s33, "d33": np.sqrt(k2 * s33 * eps33T)}
 
 
 def bar_permittivity(
@@ -62,9 +63,9 @@ def bar_permittivity(
 
 
 def disk_start(
-    radius: float, density: float, poisson: float, pole_Hz: float, zero_Hz: float, eps33T: float
-) -> dict[str, float]:
-    """Real s11, s12 and d31 of a thin disk with this pole and zero of its first radial mode.
+    radius: float, density: float, poisson: float, pole_Hz: Number, zero_Hz: Number, eps33T: Number
+) -> dict[str, Number]:
+    """s11, s12 and d31 of a thin disk with this pole and zero of its first radial mode, complex as by `bar_start`.
 
     Parameters
     ----------
@@ -77,9 +78,9 @@ def disk_start(
     root, kp2 = disk_root(poisson), planar_coupling(poisson, pole_Hz, zero_Hz)
     s11 = (root / (2 * np.pi * pole_Hz * radius)) ** 2 / (density * (1 - poisson**2))
     return {
-        "s11": float(s11),
-        "s12": float(-poisson * s11),
-        "d31": -float(np.sqrt(kp2 * s11 * (1 - poisson) * eps33T / 2)),
+        "s11": s11,
+        "s12": -poisson * s11,
+        "d31": -np.sqrt(kp2 * s11 * (1 - poisson) * eps33T / 2),
     }
 
 
