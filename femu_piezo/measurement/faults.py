@@ -38,9 +38,9 @@ _SANE = 1e-12, 1e18
 #: Frequency up to which lines of the mains are looked for, and frequencies of the mains, Hz.
 _MAINS_TO, _MAINS = 1100.0, (50.0, 60.0)
 #: Decimal steps of readings over the power of ten of the largest, (18, 1); and most significant digits of readings
-#: whose number of digits is fixed.
+#: whose number of digits is fixed; readings that a step must fit before all are looked at.
 _DECIMAL_STEPS = np.outer(10.0 ** -np.arange(6), (5, 2, 1)).reshape(-1, 1)
-_DIGITS = 5
+_DIGITS, _SOME = 5, 8
 #: Sum of jumps, over the smallest of them, below which they cancel.
 _CANCELS = 0.25
 _REMEDY = "measure again, or set mask_faults = true in [measurement] of the specimen file (or --mask-faults)"
@@ -60,9 +60,9 @@ def local_faults(spectrum: ImpedanceSpectrum) -> list[DataFault]:
         return [straight]  # kinks are no spikes
     sigma = noise_at_points(spectrum) / np.abs(spectrum.impedance)
     sigma = np.sqrt(sigma**2 + quantum**2 + _FINEST**2)
-    spikes = _spikes(spectrum.frequency, spectrum.impedance, sigma)
+    spikes, distance = _spikes(spectrum.frequency, spectrum.impedance, sigma)
     kept = np.delete(np.arange(len(spectrum)), sorted(spikes))
-    jumps = [(int(kept[after]), step) for after, step in _jumps(spectrum.select(kept), sigma[kept])]
+    jumps = [(int(kept[after]), step) for after, step in _jumps(spectrum.select(kept), sigma[kept], distance)]
     for after, _ in jumps:  # fits across a jump make spikes of the points beside it
         spikes = {point: off for point, off in spikes.items() if not -2 <= point - after <= 3}
     return [*_jump_faults(spectrum, jumps), *_spike_faults(spectrum, spikes), *found]
@@ -113,10 +113,12 @@ def _neighbours(values: np.ndarray) -> np.ndarray:
     return sliding_window_view(values, 5)[:, [0, 1, 3, 4]]
 
 
-def _jumps(spectrum: ImpedanceSpectrum, sigma: np.ndarray) -> list[tuple[int, complex]]:
-    """(index of the last point before, log of the factor by which Z is larger after) of every jump."""
+def _jumps(spectrum: ImpedanceSpectrum, sigma: np.ndarray, distance: np.ndarray) -> list[tuple[int, complex]]:
+    """(index of the last point before, log of the factor by which Z is larger after) of every jump.
+
+    distance : (n,) as by `_candidates`
+    """
     z, f, size = spectrum.impedance, spectrum.frequency, len(spectrum)
-    distance = _candidates(f, z, sigma)
     near = np.minimum(distance[:-1], distance[1:])  # a jump moves the points on both of its sides off
     near[:5] = near[size - 6 :] = 0.0  # too few points on one side
     after = np.sort(np.argsort(near)[::-1][:_MOST_CANDIDATES])
@@ -139,23 +141,27 @@ def _jumps(spectrum: ImpedanceSpectrum, sigma: np.ndarray) -> list[tuple[int, co
     return sorted(found)
 
 
-def _spikes(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, float]:
-    """Point → distance in standard deviations of every spike, searched again and again without those found before."""
+def _spikes(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> tuple[dict[int, float], np.ndarray]:
+    """Point → distance in standard deviations of every spike, searched again and again without those found before.
+
+    Also `_candidates` of all other points.
+    """
     found: dict[int, float] = {}
     index = np.arange(f.size)
-    for _ in range(_ROUNDS):
-        fresh = _spikes_once(f[index], z[index], sigma[index])
+    for number in range(_ROUNDS + 1):
+        distance = _candidates(f[index], z[index], sigma[index])
+        if number == _ROUNDS or index.size < _FEWEST:
+            break
+        fresh = _spikes_once(f[index], z[index], sigma[index], distance)
         if not fresh:
             break
         found |= {int(index[k]): off for k, off in fresh.items()}
         index = np.delete(index, sorted(fresh))
-    return found
+    return found, distance
 
 
-def _spikes_once(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, float]:
-    if f.size < _FEWEST:
-        return {}
-    distance = _candidates(f, z, sigma)
+def _spikes_once(f: np.ndarray, z: np.ndarray, sigma: np.ndarray, distance: np.ndarray) -> dict[int, float]:
+    """The spikes among points whose `_candidates` are given."""
     first = np.sort(np.argsort(distance)[::-1][:_MOST_CANDIDATES])
     first = first[distance[first] > 3]
     found: dict[int, float] = {}
@@ -300,13 +306,20 @@ def _repeats(values: np.ndarray) -> float:
 def _resolution(values: np.ndarray) -> np.ndarray | None:
     """(n,) step of the readings (n,), decimal and fixed or that of a fixed number of digits; None for fine readings."""
     largest = float(np.max(np.abs(values)))
-    if largest == 0 or np.unique(values).size < 3:
+    some = values[:_SOME]
+    if largest == 0 or (np.unique(some).size < 3 and np.unique(values).size < 3):
         return None
     fixed = 10.0 ** np.floor(np.log10(largest)) * _DECIMAL_STEPS
-    leading = 10.0 ** np.floor(np.log10(np.maximum(np.abs(values), 1e-300)))
-    steps = np.concatenate([fixed * np.ones(values.size), leading * 10.0 ** -np.arange(_DIGITS)[:, None]])
-    # one reading between the steps excludes them, and the first eight nearly always hold one
-    hopeful = steps[_on_steps(values[:8] / steps[:, :8])]
+
+    def of_digits(values: np.ndarray) -> np.ndarray:
+        """(_DIGITS, n) steps of readings (n,) of 1, 2, … digits."""
+        return 10.0 ** np.floor(np.log10(np.maximum(np.abs(values), 1e-300))) * 10.0 ** -np.arange(_DIGITS)[:, None]
+
+    # one reading between the steps excludes them, and the first few nearly always hold one
+    hopeful = [step * np.ones(values.size) for step in fixed[_on_steps(some / fixed)][:, 0]]
+    digits = _on_steps(some / of_digits(some))
+    if np.any(digits):
+        hopeful += [*of_digits(values)[digits]]
     return next((step for step in hopeful if _on_steps(values / step)), None)
 
 
