@@ -13,8 +13,8 @@ from femu_piezo.measurement.noise import NoiseModel
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 #: Most steps of the search for the noise of most likelihood, the longest in the logarithm of a variance, and the gain
-#: in log likelihood, or the length of a step, below which the search ends.
-_STEPS, _LONGEST, _CLOSE = 60, 2.0, 1e-8
+#: in log likelihood, or the length of a step, below which the search ends; ratio of eigenvalues that counts as zero.
+_STEPS, _LONGEST, _CLOSE, _SINGULAR = 60, 2.0, 1e-8, 1e-12
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,15 @@ def noise_from_residual(error: np.ndarray, impedance: np.ndarray, parameters: in
     return NoiseUsed(float(np.sqrt(relative * correction)), float(np.sqrt(additive * correction)), "residual")
 
 
+def _solved_of_two(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """x (2,) of least norm of a positive semidefinite matrix (2, 2) x = right (2,)."""
+    (first, across), (_, second) = matrix.tolist()
+    determinant, trace = first * second - across**2, first + second
+    if determinant <= _SINGULAR * trace**2:  # λ v vᵗ, λ its trace
+        return matrix @ right / trace**2
+    return np.array([second * right[0] - across * right[1], first * right[1] - across * right[0]]) / determinant
+
+
 def _relative_and_additive(
     power: np.ndarray, level: np.ndarray, start: np.ndarray
 ) -> tuple[tuple[float, float], float]:
@@ -95,7 +104,7 @@ def _relative_and_additive(
     here, share, ratio = at(logs)
     for _ in range(_STEPS):
         shares = np.array([1 - share, share])
-        step = -np.linalg.lstsq(shares @ shares.T, shares @ (1 - ratio), rcond=1e-12)[0]
+        step = -_solved_of_two(shares @ shares.T, shares @ (1 - ratio))
         step /= max(1.0, float(np.max(np.abs(step))) / _LONGEST)
         while (there := at(logs + step))[0] > here and np.max(np.abs(step)) > _CLOSE:
             step = step / 4

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.losses import LOSS, level_of, weight_of
 from femu_piezo.inference.step import damped_step
+from femu_piezo.inference.triangle import solved
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.inference.walls import WallsAndReadings, further_rows
 from femu_piezo.measurement.sweeps import SweepData
@@ -226,7 +226,7 @@ class Descent:
         rows = np.concatenate([data_rows, other_rows[: x.size]])
         triangle = np.asarray(np.linalg.qr(rows[:, [*moving, -1]], mode="r"))
         # R^-1 R^-T is the covariance of the unknowns, whose priors have deviation 1
-        inverse = solve_triangular(triangle[:-1, :-1], np.eye(moving.size))
+        inverse = solved(triangle[:-1, :-1], np.eye(moving.size))
         return _Linear(moving, triangle, moving.size - float(np.sum(inverse**2)))
 
     def _stepped(self, x: np.ndarray, linear: _Linear) -> tuple[np.ndarray, float]:

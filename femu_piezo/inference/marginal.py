@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.special import erfcx
+
+from femu_piezo.inference.triangle import solved
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class Marginal:
     @property
     def covariance(self) -> np.ndarray:
         """(n, n) posterior covariance of all unknowns, in standard deviations of their priors."""
-        inverse = solve_triangular(self.triangle, np.eye(len(self.triangle)))
+        inverse = solved(self.triangle, np.eye(len(self.triangle)))
         return inverse @ inverse.T
 
     @classmethod
@@ -109,16 +110,16 @@ def behind_walls(
     """
     inner, without_walls = np.linalg.qr(rows[~walls])
     slopes, triangle = rows[held], without_walls
-    free = values[held] - slopes @ solve_triangular(without_walls, inner.T @ values[~walls])
+    free = values[held] - slopes @ solved(without_walls, inner.T @ values[~walls])
     log_share, weights = 0.0, np.zeros(free.size)
     for number, slope in enumerate(slopes):
-        direction = solve_triangular(triangle, slope, trans="T")
+        direction = solved(triangle, slope, transposed=True)
         size = float(np.linalg.norm(direction))
         away = max(-free[number] / size, 0.0)
         log_share += float(np.log(erfcx(away / np.sqrt(2))))
         mean = np.sqrt(2 / np.pi) / erfcx(away / np.sqrt(2))  # of t beyond Δ
         narrowed = max(1 - mean * (mean - away), 1 / (2 + away) ** 2)  # rounding could make it smaller
-        free += slopes @ solve_triangular(triangle, direction) * mean / size
+        free += slopes @ solved(triangle, direction) * mean / size
         more = np.sqrt(1 / narrowed - 1) / size * slope
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, more]), mode="r"))
         square = narrowed + (mean - away) ** 2  # mean square of the distance from the wall

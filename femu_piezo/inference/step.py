@@ -16,9 +16,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
+from femu_piezo.inference.triangle import solved
 from femu_piezo.inference.walls import Walls, WallsAndReadings
 
 #: Most turns within one step; most halvings of a step that no turn has brought to a lower cost; most iterations of the
@@ -98,19 +98,19 @@ def _least_with_planes(
     μ ≥ 0 is how far the step is beyond each plane; bounds become planes once the step would leave them.
     """
     upper, (slopes, offsets) = triangle[:, :-1], planes
-    free, size = solve_triangular(upper, -triangle[:, -1]), low.size
+    free, size = solved(upper, -triangle[:, -1]), low.size
     held, step, cost = np.zeros(size, dtype=bool), free, 0.0
     while True:
         ahead = slopes @ free + offsets
         if np.any(ahead < 0):
-            through = solve_triangular(upper, slopes.T, trans="T")
+            through = solved(upper, slopes.T, transposed=True)
             system = np.concatenate([np.eye(len(slopes)), through])
             try:
                 passed, _ = nnls(system, np.append(-ahead, np.zeros(size)), maxiter=_PASSES * len(slopes))
             except RuntimeError:  # not converged: the last step; `damped_step` halves it where it costs more
                 return np.clip(step, low, high), cost
             moved = through @ passed
-            step, cost = free + solve_triangular(upper, moved), float(moved @ moved + passed @ passed)
+            step, cost = free + solved(upper, moved), float(moved @ moved + passed @ passed)
         leaving = ~held & ((step < low) | (step > high))
         if not np.any(leaving):
             return step, cost

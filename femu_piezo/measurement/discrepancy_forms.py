@@ -138,7 +138,7 @@ class Alternatives:
         for amounts, own in zip(np.eye(len(self.factors)), power.T, strict=True):
             yield replace(self, amounts=amounts, scale=1 / np.sqrt(own))
 
-    @property
+    @made_once
     def _acting(self) -> np.ndarray:
         """Numbers (t,) of the factors that act."""
         return np.flatnonzero(self.amounts)
