@@ -11,7 +11,7 @@ import numpy as np
 from femu_piezo.effects.constant_factor import ConstantFactor, multiplied
 from femu_piezo.effects.effect import Effect, LocalTerm
 from femu_piezo.effects.extended_model import ExtendedModel
-from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.inference.unknowns import Acting, Unknowns
 from femu_piezo.material.constants import PiezoConstants
 
 
@@ -31,23 +31,19 @@ class Active:
 
 def active_effects(parameters: Unknowns, x: np.ndarray) -> list[Active]:
     """The fixed effects and the fitted ones at x (n_x,), in the order in which they act."""
-    return _in_order(parameters, x, parameters.fixed, range(len(parameters.effects)))
+    return _active(parameters.acting, x)
 
 
 def effects_on_constants(parameters: Unknowns, x: np.ndarray) -> list[Active]:
     """The active effects at x (n_x,) that change the constants alike at all frequencies and in all sweeps, in order."""
-    fixed = [item for item in parameters.fixed if item[0].on_constants]
-    return _in_order(parameters, x, fixed, parameters.on_constants)
+    return _active(parameters.acting_on_constants, x)
 
 
-def _in_order(
-    parameters: Unknowns, x: np.ndarray, fixed: Sequence[tuple[Effect, np.ndarray]], fitted: Iterable[int]
-) -> list[Active]:
-    found = [Active(effect, values, None) for effect, values in fixed]
-    for number in fitted:
-        effect, columns = parameters.effects[number], parameters.columns(number)
-        found.append(Active(effect, x[columns] * effect.scale, columns))
-    return sorted(found, key=lambda item: item.effect.place)
+def _active(acting: Iterable[Acting], x: np.ndarray) -> list[Active]:
+    return [
+        Active(effect, x[known] * effect.scale, known) if isinstance(known, slice) else Active(effect, known, None)
+        for effect, known in acting
+    ]
 
 
 @dataclass(frozen=True)

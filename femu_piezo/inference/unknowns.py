@@ -181,6 +181,10 @@ class Read(Protocol):
         """(predicted − value)/std at x (n_x,), and its slopes (n_x,)."""
 
 
+#: An effect with its known values (n,), SI, or with the columns of x that are its parameters.
+Acting = tuple[Effect, np.ndarray | slice]
+
+
 @dataclass(frozen=True)
 class Unknowns:
     """The real unknowns x of a fit: those of the material, then each effect's parameters over their scales.
@@ -275,9 +279,15 @@ class Unknowns:
         return self._numbers[key]
 
     @made_once
-    def on_constants(self) -> tuple[int, ...]:
-        """Numbers of the effects that change the constants alike at all frequencies and in all sweeps."""
-        return tuple(number for number, effect in enumerate(self.effects) if effect.on_constants)
+    def acting(self) -> tuple[Acting, ...]:
+        """The fixed and the fitted effects in the order in which they act."""
+        fitted = ((effect, self.columns(number)) for number, effect in enumerate(self.effects))
+        return tuple(sorted((*self.fixed, *fitted), key=lambda item: item[0].place))
+
+    @made_once
+    def acting_on_constants(self) -> tuple[Acting, ...]:
+        """Those of `acting` that change the constants alike at all frequencies and in all sweeps."""
+        return tuple(item for item in self.acting if item[0].on_constants)
 
     @made_once
     def _numbers(self) -> dict[str, int]:

@@ -35,6 +35,15 @@ def rational(
     return _quotient(*powers, _linear_fit(*powers, values, weight))
 
 
+def rational_values(
+    frequency: np.ndarray, values: np.ndarray, weight: np.ndarray, degrees: tuple[int, int]
+) -> np.ndarray:
+    """The fits (k, w) of `rational` without their Jacobian."""
+    powers = _powers(frequency, degrees)
+    p, q = _numerator_and_denominator(*powers, _linear_fit(*powers, values, weight))
+    return p / q
+
+
 def _powers(frequency: np.ndarray, degrees: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Chebyshev polynomials of numerator and denominator (k, w, degree + 1) over each window."""
     x = frequency - frequency.mean(axis=1, keepdims=True)
@@ -88,9 +97,17 @@ def _inverse(triangle: np.ndarray) -> np.ndarray:
 
 def _quotient(top: np.ndarray, bottom: np.ndarray, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """p/q (k, w) and its relative Jacobian (k, w, n)."""
-    p = _away_from_zero(np.einsum("kwi,ki->kw", top, coefficients[:, : top.shape[-1]]))
-    q = _away_from_zero(np.einsum("kwi,ki->kw", bottom, coefficients[:, top.shape[-1] :]))
+    p, q = _numerator_and_denominator(top, bottom, coefficients)
     return p / q, np.concatenate([top / p[..., None], -bottom / q[..., None]], axis=-1)
+
+
+def _numerator_and_denominator(
+    top: np.ndarray, bottom: np.ndarray, coefficients: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """p and q (k, w), nowhere zero."""
+    p = np.einsum("kwi,ki->kw", top, coefficients[:, : top.shape[-1]])
+    q = np.einsum("kwi,ki->kw", bottom, coefficients[:, top.shape[-1] :])
+    return _away_from_zero(p), _away_from_zero(q)
 
 
 def _away_from_zero(values: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import gammaincinv
 
 from femu_piezo.errors import InputError
-from femu_piezo.measurement.local_fits import rational
+from femu_piezo.measurement.local_fits import rational_values
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 _WINDOW = 13
@@ -97,7 +97,7 @@ def _window_variances(
     step = _stride(frequency.size - window + 1)
     f = sliding_window_view(frequency, window)[::step]
     z = sliding_window_view(impedance, window)[::step]
-    fit, _ = rational(f, z, np.ones(f.shape), degrees)
+    fit = rational_values(f, z, np.ones(f.shape), degrees)
     freedom = window - (degrees[0] + degrees[1] + 1)
     return np.sum(np.abs(fit / z - 1) ** 2, axis=1) / freedom, freedom
 

@@ -96,7 +96,8 @@ def is_hardly_stable(constants: PiezoConstants, of_file: PiezoConstants) -> bool
 
     A fit may end there that lacks an effect the sweep shows, or where the held constants are those of another material.
     """
-    least = np.minimum(_STABLE * _least_energies(of_file), _least_energies(of_file))
+    of_file_least = _least_energies(of_file)
+    least = np.minimum(_STABLE * of_file_least, of_file_least)
     return bool(np.any(_least_energies(constants) < least))
 
 
