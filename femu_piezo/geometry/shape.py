@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import lru_cache
 from math import factorial
 from typing import Protocol
 
@@ -76,7 +75,6 @@ class Shape(Protocol):
         ...
 
 
-@lru_cache(maxsize=16)
 def poling_along_field(shape: Shape) -> float:
     """|cos| of the angle between the poling and the field between the electrodes."""
     return float(abs(np.dot(shape.poling_direction, shape.field_direction)))

@@ -15,6 +15,7 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Sequence
+from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -574,21 +575,22 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
 def _content(path: Path, data_file: Path | str | None) -> Specimen | list[str]:
     """The specimen of a file, or what a study file names."""
     raw = read_bytes(path, _LARGEST_FILE)
-    if data_file is None or b"$" in raw or b"~" in raw:
+    if data_file is None or any(sign in raw for sign in (b"$", b"~", b"\\")):  # variables may change
         return _content_of(raw, path, data_file)
-    content = _with_any_sweep(raw, path, os.getcwd())
+    content = _with_any_sweep(raw, path, "" if path.is_absolute() else os.getcwd())
     if not isinstance(content, Specimen):
         return content
     file = _resolve(str(path_of(data_file).absolute()), path, f"{path}: measurement.file")
     table = (content.measurement or Measurement()).model_copy(update={"file": file})
-    return content.model_copy(update={"measurement": table})
+    tables = {"measurement": table, "effects": deepcopy(content.effects), "fitted": deepcopy(content.fitted)}
+    return content.model_copy(update=tables)
 
 
 @lru_cache(maxsize=_KEPT)
 def _with_any_sweep(raw: bytes, path: Path, folder: str) -> Specimen | list[str]:
     """As `_content`, itself as the sweep. Kept, as the sweeps of a lot are of one file.
 
-    folder : that to which the path is relative
+    folder : that to which the path is relative, "" where it is absolute
     """
     return _content_of(raw, path, path)
 

@@ -15,7 +15,7 @@ from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.material.constants import KINDS, PiezoConstants
+from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, start_constants
@@ -23,13 +23,15 @@ from femu_piezo.study.model_cache import LEAVE, Bases
 from femu_piezo.study.pole_zero_update import no_history, pole_zero_update
 from femu_piezo.study.posterior import COARSE_BASIS, COARSE_MESH
 from femu_piezo.study.results import rms
-from femu_piezo.study.starts import away_from_wall, in_proportion, is_hardly_stable
+from femu_piezo.study.starts import away_from_wall, in_proportion, is_hardly_stable, pair_names
 from femu_piezo.study.tolerances import has_held_tolerances
 
 #: Relative noise of the fits; large, as meshes and bases are coarse, since their constants are only a start.
 _NOISE = 1e-2
 #: Relative distance of λ at which the pole-zero update ends, small beside the errors of mesh and basis.
 _TOLERANCE = COARSE_BASIS / 10
+#: Powers with which constants change along with ε33T while the coupling factors of bodies poled along the field stay.
+_POWERS = {"eps33T": 1.0, "d31": 0.5, "d33": 0.5}
 #: Constants are poor if rms |Δ log Z| is above this multiple of the noise and above this value.
 _POOR, _LEAST_POOR = 10.0, 5e-3
 #: Frequency over that of the expected fundamental from which the lowest mode of a sweep counts as an overtone: the next
@@ -49,7 +51,7 @@ class Beginning:
 
 
 def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
-    """Start constants: those of the pole-zero update, or of the file; each fitted to the curves where they are poor.
+    """Start constants: those of the pole-zero update, or of the file, at the level of the curves; fitted where poor.
 
     The file's are tried where the others stay poor; of both, those with the smaller misfit are taken. Where these are
     hardly stable with the held constants of the file, others are tried for those (`_of_another_material`).
@@ -144,13 +146,13 @@ def _one_of_each(measured: Sequence[Measured]) -> dict[str, Measured]:
 
 
 def _from_pole_zero(measured: list[Measured], full, bases: Bases):
-    """rms |Δ log Z|, constants and histories of the pole-zero update; constants fitted to the curves if poor."""
+    """rms |Δ log Z|, constants and histories of the pole-zero update; the constants as by `_fitted`."""
     state = pole_zero_update(measured, full, bases, start_constants(measured), COARSE_BASIS, _TOLERANCE)
     return (*_fitted(measured, full, bases, state.constants), state.histories)
 
 
 def _fitted(measured: list[Measured], full, bases: Bases, start: PiezoConstants) -> tuple[float, PiezoConstants]:
-    """rms |Δ log Z| and constants: those given, or of a fit of the curves from there where they are poor.
+    """rms |Δ log Z| and constants: those given, at the level of the curves, or of a fit from there where they are poor.
 
     The misfit of hardly stable constants that are far from where the fit began is not known (∞): no basis follows them.
     """
@@ -184,20 +186,21 @@ def _fit_curves(
     unknowns, x = Unknowns.of_constants(free)
     error = np.log(sweeps.impedance(unknowns, x) / impedance)
     if not _is_poor(rms(error), measured):
-        return _at_level(free, error)
+        return _at_level(free, error, measured)
     x, error = closest(sweeps, data, unknowns, [x])
     return rms(error), unknowns.material.theta(x)
 
 
-def _at_level(free: FreeConstants, error: np.ndarray) -> tuple[float, np.ndarray]:
-    """rms |Δ log Z| and free constants (n,) complex, those given with ε33T by the level of the curves.
+def _at_level(free: FreeConstants, error: np.ndarray, measured: Sequence[Measured]) -> tuple[float, np.ndarray]:
+    """rms |Δ log Z| and free constants (n,) complex, those given with ε33T, d31 and d33 by the level of the curves.
 
     Poles and zeros, and so log Z up to a constant, stay as they are where s is kept and d² changes as ε: Z ∝ 1/ε. The
-    constant is the median of Re and Im of log Z_model − log Z (k,) over all points.
+    constant is the median of Re and Im of log Z_model − log Z (k,) over all points. The constants stay as given where
+    ε33T, or the d that drives one of the sweeps, is held.
     """
-    if "eps33T" not in free.names:
+    driving = [pair_names(one.problem.plate)[1:] for one in measured]
+    if not all(names and {*names, "eps33T"} <= set(free.names) for names in driving):
         return rms(error), free.start
-    _, charge, permittivity = KINDS
     level = complex(np.median(error.real), np.median(error.imag))
-    power = [1.0 if name in permittivity else 0.5 if name in charge else 0.0 for name in free.names]
-    return rms(error - level), free.start * np.exp(level * np.array(power))
+    power = np.array([_POWERS.get(name, 0.0) for name in free.names])
+    return rms(error - level), free.start * np.exp(level * power)

@@ -29,6 +29,8 @@ from femu_piezo.threads import Once
 #: Relative range of the free constants that one reduced basis is trained for, how far from its centre a result may end,
 #: and how many bases are made at most.
 SPREAD, LEAVE, _BASES = 0.25, 0.3, 6
+#: Number of curves that are kept with a basis.
+_CURVES = 2
 #: Relative distance from the constants of another basis, or of the specimen file, within which a start uses the basis
 #: around these: for rough bases, and for those with effects, which are made again where a fit ends farther away.
 _NEAR, CLOSE = 0.2, 0.08
@@ -153,9 +155,9 @@ class Bases:
         )
 
     def curve(
-        self, model: ExtendedModel, omega: np.ndarray, constants: PiezoConstants, make: Callable[[], np.ndarray]
+        self, model: ExtendedModel, omega: np.ndarray, free: FreeConstants, make: Callable[[], np.ndarray]
     ) -> np.ndarray:
-        """Z (k,) of constants at ω (k,) by a basis, without effects, as `make` computes it; ohm."""
+        """Z (k,) at ω (k,) by a basis, without effects, of constants at their start, as `make` computes it; ohm."""
         return make()
 
     def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
@@ -190,7 +192,7 @@ class SharedBases(Bases):
     Parameters
     ----------
     models, bases, extended : how many are kept, the latest used; a basis takes some MB, a model up to some 100 MB, a
-        basis with effects up to some 100 MB; as many curves of constants are kept as bases with effects
+        basis with effects up to some 100 MB
 
     Attributes
     ----------
@@ -202,7 +204,7 @@ class SharedBases(Bases):
         self._most = {"model": models, "rough": bases, "extended": extended}
         self._shelves = {kind: OrderedDict() for kind in self._most}
         self._keys: WeakKeyDictionary[ElectroelasticModel, Hashable] = WeakKeyDictionary()
-        self._curves = Once(latest=extended)
+        self._curves: WeakKeyDictionary[ExtendedModel, Once] = WeakKeyDictionary()
         self._guard = Lock()
         self.made = self.used = 0
 
@@ -215,9 +217,14 @@ class SharedBases(Bases):
         return constants if near is None else problem.simplified(near)
 
     def curve(
-        self, model: ExtendedModel, omega: np.ndarray, constants: PiezoConstants, make: Callable[[], np.ndarray]
+        self, model: ExtendedModel, omega: np.ndarray, free: FreeConstants, make: Callable[[], np.ndarray]
     ) -> np.ndarray:
-        return self._curves.get((model, omega.tobytes(), _bits(constants.vector())), make)
+        with self._guard:
+            kept = self._curves.setdefault(model, Once(latest=_CURVES))
+        key = (_bits(omega), free.names, *map(_bits, (free.start, free.fixed, free.directions)))
+        found = kept.get(key, make)
+        found.setflags(write=False)
+        return found
 
     def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
         """The next rung at or above a frequency, Hz; a share of 1e-9 above a rung still belongs to it."""

@@ -31,7 +31,7 @@ _OPEN = 10.0
 
 @dataclass(frozen=True)
 class PoleZeroState:
-    """Constants that give the measured fundamentals, and the iterations on each of them that led there."""
+    """Constants that give the measured fundamentals within a tolerance, and the iterations that led there."""
 
     constants: PiezoConstants
     histories: tuple[tuple[Step, ...], ...]

@@ -283,12 +283,13 @@ def _outcome(
 
 def _baseline_curve(posterior: Posterior, evaluation: Evaluation, own: Unknowns, base: PiezoConstants) -> np.ndarray:
     """Z (k,) of the constants of the file with its known effects, ohm."""
-    unknowns, x = Unknowns.of_constants(posterior.problem.free(base), own.fixed)
+    free = posterior.problem.free(base)
+    unknowns, x = Unknowns.of_constants(free, own.fixed)
 
     def made() -> np.ndarray:
         return evaluation.impedance(unknowns, x)
 
-    return made() if own.fixed else posterior.bases.curve(evaluation.model, evaluation.omega, base, made)
+    return made() if own.fixed else posterior.bases.curve(evaluation.model, evaluation.omega, free, made)
 
 
 def _known(found: Fit) -> Identifiability:

@@ -19,6 +19,7 @@ from femu_piezo.specimen.file import (
     Specimen,
     Update,
     read_specimen,
+    read_specimens,
     write_specimen,
 )
 from femu_piezo.study.measured import measure
@@ -273,3 +274,33 @@ def test_files_that_a_result_depends_on(tmp_path):
     path.write_text(body + fixture + '[[sweep]]\nfile = "up.csv"\n[[sweep]]\nfile = "down.csv"\n', encoding="utf-8")
     names = ("plate.toml", "open.csv", "short.csv", "load.csv", "up.csv", "down.csv")
     assert read_specimen(path).files == tuple(tmp_path / name for name in names)
+
+
+def test_a_file_read_for_several_sweeps_is_read_anew_where_it_or_the_folder_changes(tmp_path, monkeypatch):
+    """Its content is kept for the sweeps of a lot, each specimen with a sweep and tables of its own."""
+    lines = [
+        'name = "plate"',
+        "[geometry]",
+        'shape = "plate"',
+        'length = "40 mm"',
+        'width = "5 mm"',
+        'thickness = "1 mm"',
+        'density = "7900 kg/m^3"',
+        'poling = "thickness"',
+        "[material]",
+        'base = "pzt-5h"',
+        "[effects.series_resistance]",
+        "resistance = 2.0",
+    ]
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "plate.toml").write_text("\n".join(lines), encoding="utf-8")
+    monkeypatch.chdir(tmp_path / "a")
+    first, second = (read_specimens(["plate.toml"], name)[0] for name in ("one.csv", "two.csv"))
+    assert [one.measurement.file for one in (first, second)] == [tmp_path / "a" / "one.csv", tmp_path / "a" / "two.csv"]
+    first.effects["series_resistance"]["resistance"] = 5.0
+    assert read_specimens(["plate.toml"], "one.csv")[0].effects["series_resistance"]["resistance"] == 2.0
+    monkeypatch.chdir(tmp_path / "b")
+    assert read_specimens(["plate.toml"], "one.csv")[0].measurement.file == tmp_path / "b" / "one.csv"
+    (tmp_path / "b" / "plate.toml").write_text("\n".join(lines).replace("40 mm", "30 mm"), encoding="utf-8")
+    assert read_specimens(["plate.toml"], "one.csv")[0].geometry.length == 30e-3

@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 from femu_piezo.errors import InputError
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.free_constants import FreeConstants
 from femu_piezo.inference.starts.pole_zero import static_permittivity
 from femu_piezo.inference.starts.thin_body import k31_bar_admittance, k33_bar_impedance
 from femu_piezo.measurement.readers import write_spectrum
@@ -82,6 +83,28 @@ def test_the_fit_begins_at_the_pole_zero_update_where_that_is_near(sweeps, write
     fitted = begin(measured, Bases())
     assert from_the_fit(fitted)
     assert np.linalg.norm(away(fitted)) < np.linalg.norm(away(near))
+
+
+def test_the_level_of_a_curve_gives_the_permittivity_where_poles_and_zeros_can_stay():
+    """Z ∝ 1/ε33T where d31² changes as ε33T; constants stay where d31 is held, or a sweep is of a sheared body."""
+    level, error = complex(0.02, -0.003), np.full(5, complex(0.02, -0.003))
+
+    def moved(names, *poling) -> tuple[float, dict[str, complex]]:
+        plates = [Plate(40e-3, 5e-3, 1e-3, one) for one in poling]
+        measured = [SimpleNamespace(problem=SimpleNamespace(plate=plate)) for plate in plates]
+        free = FreeConstants.of(PZT5H, names)
+        misfit, theta = beginning._at_level(free, error, measured)
+        return misfit, {
+            name: complex(np.log(value / own)) for name, value, own in zip(names, theta, free.start, strict=True)
+        }
+
+    misfit, changes = moved(TRIO, "thickness")
+    assert misfit == pytest.approx(0, abs=1e-15)
+    assert changes == pytest.approx({"s11": 0, "d31": level / 2, "eps33T": level}, abs=1e-14)
+    for names, poling in ((("s11", "eps33T"), ["thickness"]), (TRIO, ["thickness", (1.0, 0.0, 0.0)])):
+        misfit, changes = moved(names, *poling)
+        assert misfit == pytest.approx(abs(level))
+        assert not any(changes.values())
 
 
 @pytest.mark.slow
