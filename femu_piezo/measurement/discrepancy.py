@@ -211,7 +211,7 @@ class _FitResidual:
         """χ² (s, n) with each alternative at every size, and the volume ½ Σ log(1 + τ g) of each."""
         if len(one.places) == 1:
             values, turned = one.along_axes(self.sides)
-            trace = np.sum(values) * (1 + np.iscomplexobj(turned))
+            trace = np.sum(values) * (2 if np.iscomplexobj(turned) else 1)
             if np.finfo(float).eps * _SIGMAS[-1] ** 2 * trace < _ROUNDING:
                 gained, volume = _by_principal_axes(values, turned[:, 1:], turned[:, 0])
                 return self.chi_square - gained, volume
@@ -249,9 +249,9 @@ def _by_principal_axes(values: np.ndarray, inside: np.ndarray, along: np.ndarray
     grown = 1 + sizes * np.maximum(values, 0.0)
     weights, both = sizes / grown, np.concatenate([inside.T, along[None]])
     rows, columns = np.tril_indices(count + 1)
-    pairs, copies = both.real[rows] * both.real[columns], 0.5
+    pairs, times = both.real[rows] * both.real[columns], 1
     if np.iscomplexobj(both):
-        pairs, copies = pairs + both.imag[rows] * both.imag[columns], 1.0
+        pairs, times = pairs + both.imag[rows] * both.imag[columns], 2
     products = np.zeros((len(sizes), count + 1, count + 1))  # [U, b]ᵗω [U, b], the lower triangle
     products[:, rows, columns] = weights @ pairs.T
     unreduced, diagonal = products[:, -1, -1].copy(), np.arange(count)
@@ -260,7 +260,7 @@ def _by_principal_axes(values: np.ndarray, inside: np.ndarray, along: np.ndarray
     products[:, -1, -1] = _LARGE
     factor = np.linalg.cholesky(products)  # of W, and in its last row L^-1 c
     gained = unreduced + np.sum(factor[:, -1, :count] ** 2, axis=1)
-    volume = copies * np.sum(np.log(grown), axis=1) + np.sum(np.log(factor[:, diagonal, diagonal]), axis=1)
+    volume = 0.5 * times * np.sum(np.log(grown), axis=1) + np.sum(np.log(factor[:, diagonal, diagonal]), axis=1)
     return gained[:, None], volume[:, None]
 
 

@@ -249,17 +249,22 @@ class Alternatives:
         Without amounts and scale.
         """
 
-        weight = (sides.data.weight[self.points] * share[: self.points.size]) ** 2
-        if first == second:  # of all factors at once; |factor|² is real, without rounding
-            every = np.abs(self.factors) ** 2 * weight
-            return self._kept.get(("products", *self._key(sides)), lambda: self._weighted(every))[first]
-        across = self.factors[first].conj() * self.factors[second] * weight
+        def weight() -> np.ndarray:
+            return (sides.data.weight[self.points] * share[: self.points.size]) ** 2
 
-        def made() -> np.ndarray:
+        def of_each() -> np.ndarray:
+            """(t', n, s, s) of every factor with itself: |factor|² is real, without rounding."""
+            return self._weighted(np.abs(self.factors) ** 2 * weight())
+
+        def of_both() -> np.ndarray:
+            across = self.factors[first].conj() * self.factors[second] * weight()
             real, imaginary = self._weighted(np.stack([across.real, across.imag]))
             return real + 1j * imaginary
 
-        return self._kept.get(("product", int(first), int(second), *self._key(sides)), made)
+        key = self._key(sides)
+        if first == second:
+            return self._kept.get(("of each", *key), of_each)[first]
+        return self._kept.get(("of both", int(first), int(second), *key), of_both)
 
     def _whole(self, data: SweepData, share: np.ndarray) -> np.ndarray:
         """Φᵗ (n, 2m, 2k')."""

@@ -311,16 +311,16 @@ def _resolution(values: np.ndarray) -> np.ndarray | None:
         return None
     fixed = 10.0 ** np.floor(np.log10(largest)) * _DECIMAL_STEPS
 
-    def of_digits(values: np.ndarray) -> np.ndarray:
-        """(_DIGITS, n) steps of readings (n,) of 1, 2, … digits."""
-        return 10.0 ** np.floor(np.log10(np.maximum(np.abs(values), 1e-300))) * 10.0 ** -np.arange(_DIGITS)[:, None]
+    def steps(readings: np.ndarray) -> np.ndarray:
+        """(s, n) every step that readings (n,) may have."""
+        leading = 10.0 ** np.floor(np.log10(np.maximum(np.abs(readings), 1e-300)))
+        return np.concatenate([fixed * np.ones(leading.size), leading * 10.0 ** -np.arange(_DIGITS)[:, None]])
 
     # one reading between the steps excludes them, and the first few nearly always hold one
-    hopeful = [step * np.ones(values.size) for step in fixed[_on_steps(some / fixed)][:, 0]]
-    digits = _on_steps(some / of_digits(some))
-    if np.any(digits):
-        hopeful += [*of_digits(values)[digits]]
-    return next((step for step in hopeful if _on_steps(values / step)), None)
+    hopeful = _on_steps(some / steps(some))
+    if not np.any(hopeful):
+        return None
+    return next((step for step in steps(values)[hopeful] if _on_steps(values / step)), None)
 
 
 def _on_steps(counts: np.ndarray) -> np.ndarray:

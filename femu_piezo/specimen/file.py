@@ -573,11 +573,11 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
 
 
 def _content(path: Path, data_file: Path | str | None) -> Specimen | list[str]:
-    """The specimen of a file, or what a study file names."""
+    """The specimen of a file with this sweep, or the members that a study file names."""
     raw = read_bytes(path, _LARGEST_FILE)
-    if data_file is None or any(sign in raw for sign in (b"$", b"~", b"\\")):  # variables may change
+    if data_file is None or any(sign in raw for sign in (b"$", b"~", b"\\")):  # paths by the environment
         return _content_of(raw, path, data_file)
-    content = _with_any_sweep(raw, path, "" if path.is_absolute() else os.getcwd())
+    content = _kept_content(raw, path, "" if path.is_absolute() else os.getcwd())
     if not isinstance(content, Specimen):
         return content
     file = _resolve(str(path_of(data_file).absolute()), path, f"{path}: measurement.file")
@@ -587,8 +587,8 @@ def _content(path: Path, data_file: Path | str | None) -> Specimen | list[str]:
 
 
 @lru_cache(maxsize=_KEPT)
-def _with_any_sweep(raw: bytes, path: Path, folder: str) -> Specimen | list[str]:
-    """As `_content`, itself as the sweep. Kept, as the sweeps of a lot are of one file.
+def _kept_content(raw: bytes, path: Path, folder: str) -> Specimen | list[str]:
+    """`_content_of` a file, which stands for the sweep as well; kept, as all sweeps of a lot have one specimen file.
 
     folder : that to which the path is relative, "" where it is absolute
     """
@@ -596,6 +596,7 @@ def _with_any_sweep(raw: bytes, path: Path, folder: str) -> Specimen | list[str]
 
 
 def _content_of(raw: bytes, path: Path, data_file: Path | str | None) -> Specimen | list[str]:
+    """As `_content`, of the bytes of the file; InputError where they are neither a specimen nor a study."""
     data = _parse_toml(raw, path)
     members = data.get("specimens")
     if members is None:

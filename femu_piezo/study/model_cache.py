@@ -157,7 +157,7 @@ class Bases:
     def curve(
         self, model: ExtendedModel, omega: np.ndarray, free: FreeConstants, make: Callable[[], np.ndarray]
     ) -> np.ndarray:
-        """Z (k,) at ω (k,) by a basis, without effects, of constants at their start, as `make` computes it; ohm."""
+        """Z (k,), ohm, of the constants `free.start` at ω (k,) by a basis, without effects, as `make` computes it."""
         return make()
 
     def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
