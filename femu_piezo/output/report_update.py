@@ -142,7 +142,7 @@ def _method(result: UpdateResult) -> str:
     if result.method == "pole_zero":
         fitted = (
             f"the first pole and zero of the finite element model were fitted to the measured ones in "
-            f"{result.iterations} iterations with exact sensitivities (Cong, Hu, Li 2022)"
+            f"{result.iteration_words} with exact sensitivities (Cong, Hu, Li 2022)"
             if result.iterations
             else "all poles and zeros of the finite element model that have a measured partner were fitted to it "
             "together (Cong, Hu, Li 2022, appendix A)"
@@ -152,7 +152,7 @@ def _method(result: UpdateResult) -> str:
             "test."
         )
     return (
-        f"Method: {result.iterations} pole-zero iterations, then a maximum-likelihood fit of the whole measured "
+        f"Method: {result.iteration_words}, then a maximum-likelihood fit of the whole measured "
         f"curve{source_of_permittivity(result)}."
     )
 

@@ -90,7 +90,7 @@ def update_table(result: UpdateResult) -> RenderableType:
     parts = [constants, *(_resonance_table(outcome) for outcome in result.outcomes)]
     for outcome, several in zip(result.outcomes, result.figures, strict=True):
         parts += [figures_table(one, outcome.measured.problem.specimen.name, short=True) for one in several]
-    lines = [f"method: {result.method}, {result.iterations} pole-zero iterations{source_of_permittivity(result)}"]
+    lines = [f"method: {result.method}, {result.iteration_words}{source_of_permittivity(result)}"]
     lines += [
         f"{outcome.measured.problem.specimen.name}: rms |Δ log Z| baseline {100 * outcome.rms_before:.3g} %, updated "
         f"{100 * outcome.rms_after:.3g} %; {_coupling_words(outcome.measured)}{outcome.unknowns} unknowns"

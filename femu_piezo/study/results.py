@@ -170,3 +170,8 @@ class UpdateResult:
     def iterations(self) -> int:
         """Pole-zero iterations made, over all specimens."""
         return sum(len(outcome.history) - 1 for outcome in self.outcomes)
+
+    @property
+    def iteration_words(self) -> str:
+        """Their number in words, such as "1 pole-zero iteration"."""
+        return f"{self.iterations} pole-zero iteration{'' if self.iterations == 1 else 's'}"
